@@ -1,0 +1,83 @@
+# Every target works on a fresh clone: it needs python3 (3.11 or newer), cargo and a C linker.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+PYTHON ?= python3
+BIN := .venv/bin
+TOOLS := .venv/.requirements
+READY := .venv/.ready
+
+RUST_SOURCES := $(shell find drm_env -name '*.rs' -o -name 'Cargo.toml' 2>/dev/null) Cargo.toml $(wildcard Cargo.lock)
+
+# One interpreter for every cargo call, or pyo3 would be compiled anew for each.
+export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
+
+.PHONY: help
+help:
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+.PHONY: demo
+demo: $(READY) ## fly one manoeuvre with and without control and show the result
+	$(BIN)/drm demo
+
+.PHONY: test
+test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then its slow ones
+	cargo test --release
+	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m slow --durations=5 -v
+
+.PHONY: lint
+lint: $(READY) ## formatting, lints, types, generated files and the direction of dependencies
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --release -- -D warnings
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict python/drm_env
+	$(BIN)/mypy --strict baselines/drm_baselines
+	$(BIN)/mypy --strict tools
+	@fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
+	tools/generate.sh "$$fresh"; \
+	for file in _engine.pyi _config.py; do \
+	  diff -u "python/drm_env/$$file" "$$fresh/$$file" \
+	    || { echo "python/drm_env/$$file is out of date: run 'make generate'" >&2; exit 1; }; \
+	done
+	$(BIN)/python -m mypy.stubtest drm_env._engine
+	@if found=$$(cargo tree -p drm_env --edges all --all-features -i pyo3 2>&1); then \
+	  echo "the engine must not depend on pyo3:" "$$found" >&2; exit 1; fi; \
+	grep -q "did not match any packages" <<< "$$found" || { echo "$$found" >&2; exit 1; }
+
+.PHONY: bench
+bench: $(READY) ## time the engine (Criterion)
+	cargo bench
+
+.PHONY: generate
+generate: $(READY) ## rewrite the type stub and the configuration dataclasses from the Rust sources
+	tools/generate.sh python/drm_env
+
+.PHONY: docs
+docs: $(READY) ## API pages of the engine in target/doc
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps
+
+.PHONY: clean
+clean: ## remove everything that was built, the virtual environment included
+	rm -rf target .venv dist site .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find python baselines tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -f python/drm_env/_engine*.so python/drm_env/_engine*.pyd
+
+.PHONY: requirements
+requirements: $(TOOLS) # resolve requirements-dev.in anew into requirements-dev.txt
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --upgrade \
+	  --no-header --no-emit-index-url --no-emit-find-links requirements-dev.in -o requirements-dev.txt
+
+$(TOOLS): requirements-dev.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
+	touch $@
+
+# Python files are imported from the source tree: only Rust and packaging files call for a rebuild.
+$(READY): $(TOOLS) $(RUST_SOURCES) pyproject.toml baselines/pyproject.toml
+	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" maturin develop --release --quiet
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable baselines
+	touch $@

@@ -1,0 +1,30 @@
+"""Baselines for drm-env: control laws as policies, training, evaluation and comparison.
+
+    from drm_baselines import make_policy, load_policy
+
+    law = make_policy("lyapunov", env=env)          # the engine's own law
+    agent = load_policy("runs/ppo")                 # safetensors and JSON, no torch needed
+    action, state = law.predict(observation, state=None, episode_start=None)
+
+The ``drm`` command does the same from a terminal: ``drm --help``.
+"""
+
+from __future__ import annotations
+
+from drm_baselines.errors import BaselineError, ExistingResultError, PolicyError, RunError
+from drm_baselines.policies import LAW_PERIOD, LAWS, LawPolicy, load_policy, make_policy
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "LAWS",
+    "LAW_PERIOD",
+    "BaselineError",
+    "ExistingResultError",
+    "LawPolicy",
+    "PolicyError",
+    "RunError",
+    "__version__",
+    "load_policy",
+    "make_policy",
+]

@@ -1,0 +1,83 @@
+"""``drm compare``: policies side by side on the same episodes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drm_baselines import storage
+from drm_baselines.cli.common import SET_HELP, console, flight_progress, guarded, parse_options
+from drm_baselines.comparison import (
+    Arena,
+    contestant_named,
+    fly_all,
+    report_of,
+    write_comparison,
+)
+from drm_baselines.evaluation import episode_seeds
+from drm_baselines.tables import comparison_table, paired_table
+
+
+@guarded
+def compare(
+    policies: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Control laws (none, linear, lyapunov) or directories of training runs; "
+            "all three laws by default. The first is the reference of the paired comparison.",
+            show_default=False,
+        ),
+    ] = None,
+    env_id: Annotated[
+        str, typer.Option("--env", help="Environment whose episodes are flown.")
+    ] = "drm_env/Slew-v0",
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Directory for comparison.json, episodes.csv and figures (PNG)."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
+) -> None:
+    """Fly policies over the same episodes and compare them.
+
+    Laws decide every 2 ms, the sampling period of their gains; trained policies at the period
+    they were trained with. Lengths are in mm and angles in degrees in the table, SI and radians
+    in the files.
+    """
+    episode_seeds(seed, episodes)
+    arena = Arena(env_id=env_id, options=parse_options(set_options), seed=seed, episodes=episodes)
+    contestants = [
+        contestant_named(arena, text) for text in policies or ["none", "linear", "lyapunov"]
+    ]
+    if out is not None:
+        storage.claim_directory(out, force=force)
+    with flight_progress() as progress:
+        flights = fly_all(contestants, arena, progress)
+    report = report_of(flights, arena)
+    if as_json:
+        typer.echo(json.dumps(storage.plain(report), indent=2))
+    else:
+        console.print(comparison_table(flights, title=f"{env_id}, seeds {seed}.."))
+        for label, entry in report["paired"]["candidates"].items():
+            console.print(
+                paired_table(entry, title=f"{label} minus {report['paired']['reference']}")
+            )
+    if out is None:
+        return
+    from drm_baselines import plots
+
+    files = write_comparison(out, flights, report, title=env_id, overwrite=force)
+    trajectories = {contestant.label: contestant.trajectory(arena) for contestant in contestants}
+    files.append(
+        plots.plot_manoeuvres(
+            trajectories, out / "manoeuvre.png", title=f"{env_id}, seed {seed}", overwrite=force
+        )
+    )
+    if not as_json:
+        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)

@@ -1,0 +1,224 @@
+"""``drm demo``: what the project does, in about four minutes.
+
+First the thesis' manoeuvre under every law, with the payload known and misreported; then a policy
+trained on top of the linear law for about two minutes; then all of them over the same hundred
+episodes with unknown payloads, and a verdict that the records bear out.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+import drm_env
+from drm_baselines import storage
+from drm_baselines.cli.common import console, flight_progress, guarded, progress_bar
+from drm_baselines.cli.train import ConsoleWatcher, training_module
+from drm_baselines.comparison import (
+    Arena,
+    contestant_of_inner_law,
+    contestant_of_law,
+    contestant_of_run,
+    fly_all,
+    report_of,
+    write_comparison,
+)
+from drm_baselines.hyperparameters import load_hyperparameters
+from drm_baselines.metrics import describe
+from drm_baselines.policies import LAWS
+from drm_baselines.records import Episodes
+from drm_baselines.statistics import Estimate
+from drm_baselines.tables import comparison_table, metrics_table, paired_table
+
+ENV_ID = "drm_env/SlewResidual-v0"
+STEPS = 5_000_000
+"""Environment steps of the training: about two minutes on two cores."""
+
+_MASS_ERRORS = (0.0, 0.15, -0.15)
+
+
+def fresh_directory(base: Path) -> Path:
+    """Return ``base``, or ``base-2``, ``base-3``, ... if that holds results already."""
+    candidates = itertools.chain([base], (Path(f"{base}-{n}") for n in itertools.count(2)))
+    return next(
+        path for path in candidates
+        if not path.exists() or (path.is_dir() and not any(path.iterdir()))
+    )  # fmt: skip
+
+
+def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
+    """Fly Payload 1 through the standard manoeuvre under each law; write figures and JSON."""
+    from drm_baselines import plots
+
+    rows: dict[str, Mapping[str, float]] = {}
+    files = []
+    for error in _MASS_ERRORS:
+        told = "known exactly" if error == 0.0 else f"reported {error:+.0%}"
+        flights = {
+            law: drm_env.simulate({"mass_error": error}, law=law, decimation=5) for law in LAWS
+        }
+        rows.update({f"{law}, payload {told}": flight.metrics for law, flight in flights.items()})
+        files.append(
+            plots.plot_manoeuvres(
+                flights,
+                out / f"manoeuvre_mass_{round(error * 100):+d}_percent.png",
+                title=f"50 deg slew, 1 m to 8 m, Payload 1 {told}",
+                overwrite=overwrite,
+            )
+        )
+    console.print(
+        metrics_table(rows, title="thesis manoeuvre: 50 deg, minimum time, 1 m to 8 m, Payload 1")
+    )
+    files.append(
+        storage.write_json(
+            out / "manoeuvres.json",
+            {"units": "SI and radians", "metrics": rows, "provenance": storage.provenance()},
+            overwrite=overwrite,
+        )
+    )
+    return files
+
+
+def verdict(comparison: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return what the paired comparison with the inner law allows to say, in sentences."""
+    tip = comparison["tip_error_rms"]
+    difference = Estimate(**tip["difference"]).scaled(1e3)
+    chance = Estimate(**tip["probability_of_improvement"])
+    judged = {
+        "better": "The trained agent beats the inner law it corrects",
+        "worse": "The trained agent is worse than the inner law it corrects",
+        "undecided": "No difference between the trained agent and the inner law can be shown",
+    }[str(tip["verdict"])]
+    lines = [
+        f"{judged}: tip error RMS {difference.value:+.2f} mm "
+        f"[{difference.low:+.2f}, {difference.high:+.2f}] on the same episodes, better in "
+        f"{chance.value:.0%} of them [{chance.low:.0%}, {chance.high:.0%}]."
+    ]
+    for outcome, phrase in (("better", "Also better in"), ("worse", "Worse in")):
+        names = [
+            describe(name).label
+            for name, entry in comparison.items()
+            if name != "tip_error_rms" and entry["verdict"] == outcome
+        ]
+        if names:
+            lines.append(f"{phrase} {', '.join(names)}.")
+    return lines
+
+
+def _learning_curve(
+    run: Path, bands: Mapping[str, Estimate], path: Path, *, overwrite: bool
+) -> Path:
+    from drm_baselines import plots
+    from drm_baselines.runs import EVALUATIONS_FILE
+
+    table = np.genfromtxt(run / EVALUATIONS_FILE, delimiter=",", names=True, ndmin=1)
+    names: Sequence[str] = table.dtype.names or ()
+    return plots.plot_learning_curve(
+        {name: np.asarray(table[name], dtype=np.float64) for name in names},
+        bands,
+        path,
+        title=f"learning on {ENV_ID}, with the laws on the evaluation's episodes",
+        overwrite=overwrite,
+    )
+
+
+def _train(run: Path, steps: int, seed: int, n_envs: int | None, *, force: bool) -> None:
+    import dataclasses
+
+    training = training_module()
+    settings = load_hyperparameters("ppo")
+    if n_envs is not None:
+        settings = dataclasses.replace(settings, n_envs=n_envs)
+    request = training.TrainingRequest(
+        algorithm="ppo", env_id=ENV_ID, options={}, steps=steps, seed=seed, settings=settings
+    )
+    with progress_bar() as progress:
+        record = training.train(run, request, watcher=ConsoleWatcher(progress, steps), force=force)
+    if record.status == "interrupted":
+        console.print(f"training stopped; go on with: drm train --resume --out {run}")
+        raise typer.Exit(130)
+
+
+@guarded
+def demo(
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory for figures, records and the run; by default results, or "
+            "results-2 and so on where that exists.",
+            show_default=False,
+        ),
+    ] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Environment steps of the training.")] = STEPS,
+    episodes: Annotated[int, typer.Option(min=4, help="Episodes of the comparison.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, max=999, help="Seed of the training.")] = 0,
+    n_envs: Annotated[
+        int | None,
+        typer.Option("--n-envs", min=1, max=10_000, help="Environments stepped as one batch."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace results in --out.")] = False,
+) -> None:
+    """Fly the thesis' manoeuvre, train an agent on top of the linear law, compare them all."""
+    training_module()
+    directory = out if out is not None else fresh_directory(Path("results"))
+    storage.claim_directory(directory, force=force)
+    console.print(f"results go to {directory}", highlight=False)
+    files = fly_thesis_manoeuvre(directory, overwrite=force)
+
+    run = directory / "ppo"
+    console.print(
+        f"\ntraining PPO on {ENV_ID}: {steps:,} steps, seed {seed}; "
+        f"about {max(1, round(steps / STEPS * 2))} min on two cores",
+        highlight=False,
+    )
+    _train(run, steps, seed, n_envs, force=force)
+
+    arena = Arena(env_id=ENV_ID, seed=0, episodes=episodes)
+    inner = contestant_of_inner_law(arena, arena.config, ENV_ID)
+    agent = contestant_of_run(arena, run, label="inner law + PPO")
+    contestants = [*(contestant_of_law(name) for name in LAWS), inner, agent]
+    with flight_progress() as progress:
+        flights = fly_all(contestants, arena, progress)
+    report = report_of(flights, arena, reference=inner.label)
+    console.print()
+    console.print(
+        comparison_table(
+            flights,
+            title="payload 50 to 500 kg, its reported mass wrong by up to 15 %: "
+            f"{episodes} episodes that no training has seen",
+        )
+    )
+    paired = report["paired"]["candidates"][agent.label]
+    console.print(paired_table(paired, title=f"{agent.label} minus {inner.label}"))
+    sentences = verdict(paired)
+    report["verdict"] = sentences
+    for line in sentences:
+        console.print(line, highlight=False)
+    files += write_comparison(directory, flights, report, title="SlewResidual-v0", overwrite=force)
+    files.append(_episode_figure(directory, contestants, arena, overwrite=force))
+    files.append(
+        _learning_curve(run, _bands(flights), directory / "learning_curve.png", overwrite=force)
+    )
+    console.print("\nwrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+
+
+def _bands(flights: Sequence[Episodes]) -> dict[str, Estimate]:
+    return {flight.label: flight.estimate("tip_error_rms") for flight in flights[:3]}
+
+
+def _episode_figure(
+    out: Path, contestants: Sequence[Any], arena: Arena, *, overwrite: bool
+) -> Path:
+    from drm_baselines import plots
+
+    return plots.plot_manoeuvres(
+        {contestant.label: contestant.trajectory(arena) for contestant in contestants},
+        out / "episode.png",
+        title=f"{arena.env_id}, seed {arena.seed}",
+        overwrite=overwrite,
+    )

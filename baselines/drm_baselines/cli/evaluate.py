@@ -1,0 +1,95 @@
+"""``drm evaluate``: one policy over many episodes, with a record of each."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drm_baselines import storage
+from drm_baselines.cli.common import SET_HELP, console, flight_progress, guarded, parse_options
+from drm_baselines.comparison import Arena, contestant_named, fly_all
+from drm_baselines.errors import BaselineError
+from drm_baselines.evaluation import config_data, episode_seeds
+from drm_baselines.network import load_policy
+from drm_baselines.records import write_records
+from drm_baselines.tables import comparison_table
+
+
+@guarded
+def evaluate(
+    policy: Annotated[
+        str,
+        typer.Option(
+            help="A control law (none, linear, lyapunov) or the directory of a training "
+            "run. A run is read from policy.safetensors and policy.json alone."
+        ),
+    ],
+    env_id: Annotated[
+        str | None,
+        typer.Option(
+            "--env",
+            help="Environment whose episodes are flown; for a run, by default "
+            "the one it was trained in, otherwise drm_env/Slew-v0.",
+        ),
+    ] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode.")] = 0,
+    records: Annotated[
+        Path | None,
+        typer.Option(help="File for one row an episode, SI units and radians: .csv or .parquet."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File for the aggregates as JSON, SI units and radians.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the aggregates as JSON.")] = False,
+    set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
+) -> None:
+    """Fly one policy over seeded episodes and report the engine's metrics."""
+    episode_seeds(seed, episodes)
+    options = parse_options(set_options)
+    if env_id is None:
+        run = Path(policy)
+        if run.is_dir():
+            trained = load_policy(run)
+            env_id = trained.env_id
+            options = {"config": trained.config, **options}
+        else:
+            env_id = "drm_env/Slew-v0"
+    if records is not None and records.suffix not in (".csv", ".parquet"):
+        raise BaselineError(f"--records takes a .csv or .parquet file, got {records}")
+    for path in (records, out):
+        if path is not None and path.exists() and not force:
+            storage.refuse(path)
+    arena = Arena(env_id=env_id, options=options, seed=seed, episodes=episodes)
+    contestant = contestant_named(arena, policy)
+    with flight_progress() as progress:
+        flights = fly_all([contestant], arena, progress)
+    report = {
+        "format": "drm-evaluation",
+        "format_version": 1,
+        "units": "SI and radians",
+        "seed": seed,
+        "environment": {"id": env_id, "config": config_data(arena.config)},
+        "policy": flights[0].summary(),
+        "provenance": storage.provenance(),
+    }
+    if as_json:
+        typer.echo(json.dumps(storage.plain(report), indent=2))
+    else:
+        console.print(comparison_table(flights, title=f"{env_id}, seeds {seed}.."))
+    files: list[Path] = []
+    if records is not None:
+        files += write_records(
+            records,
+            flights,
+            settings={k: v for k, v in report.items() if k != "policy"},
+            overwrite=force,
+        )
+    if out is not None:
+        files.append(storage.write_json(out, report, overwrite=force))
+    if files and not as_json:
+        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)

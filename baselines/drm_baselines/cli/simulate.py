@@ -1,0 +1,180 @@
+"""``drm simulate``: one manoeuvre under one or more laws."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import drm_env
+from drm_baselines import storage
+from drm_baselines.cli.common import console, guarded
+from drm_baselines.errors import BaselineError
+from drm_baselines.policies import law_data
+from drm_baselines.tables import metrics_table
+
+
+def read_scenario(path: Path) -> dict[str, Any]:
+    """Read a scenario from a JSON or TOML file.
+
+    Raises
+    ------
+    BaselineError
+        Missing, malformed, or neither JSON nor TOML.
+    """
+    readers = {".json": json.loads, ".toml": tomllib.loads}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise BaselineError(f"{path}: a scenario is a .json or .toml file")
+    try:
+        content = reader(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BaselineError(f"no scenario file {path}") from None
+    except (OSError, ValueError) as error:
+        raise BaselineError(f"{path} cannot be read: {error}") from error
+    if not isinstance(content, dict):
+        raise BaselineError(f"{path} must hold a table of scenario values")
+    return content
+
+
+def with_value(scenario: Mapping[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Return the scenario with the dotted ``path`` set to ``value``.
+
+    Raises
+    ------
+    BaselineError
+        A part of the path is there already and is not a table.
+    """
+    first, _, rest = path.partition(".")
+    inner = scenario.get(first, {})
+    if not rest:
+        return {**scenario, first: value}
+    if not isinstance(inner, Mapping):
+        raise BaselineError(f"scenario: {first} must be a table, got {inner!r}")
+    return {**scenario, first: with_value(inner, rest, value)}
+
+
+def write_trajectory(
+    path: Path, flight: Mapping[str, NDArray[np.float64]], *, overwrite: bool
+) -> Path:
+    """Write the signals of a flight as CSV, one column a signal, SI units and radians."""
+    names = list(flight)
+    with (
+        storage.atomic_path(path, overwrite=overwrite) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(np.column_stack([flight[name] for name in names]).tolist())
+    return path
+
+
+@guarded
+def simulate(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Scenario as a .json or .toml file, SI units and radians; without "
+            "one the thesis' standard manoeuvre. Options below win over the file.",
+            show_default=False,
+        ),
+    ] = None,
+    law: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Control law: none, linear or lyapunov. May be repeated; all three by default.",
+            show_default=False,
+        ),
+    ] = None,
+    payload_mass: Annotated[float | None, typer.Option(help="True payload mass, kg.")] = None,
+    payload_length: Annotated[float | None, typer.Option(help="Payload length, m.")] = None,
+    payload_width: Annotated[float | None, typer.Option(help="Payload width, m.")] = None,
+    mass_error: Annotated[
+        float | None,
+        typer.Option(help="Reported over true payload mass minus one, such as 0.15."),
+    ] = None,
+    slew_angle_deg: Annotated[float | None, typer.Option(help="Slew angle, degrees.")] = None,
+    slew_max_accel: Annotated[
+        float | None, typer.Option(help="Largest slew acceleration, rad/s^2.")
+    ] = None,
+    profile: Annotated[
+        str | None, typer.Option(help="Slew profile: min_time or min_energy.")
+    ] = None,
+    horizon: Annotated[float | None, typer.Option(help="Length of the flight, s.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory for a CSV of signals for each law, simulation.json and manoeuvre.png."
+        ),
+    ] = None,
+    decimation: Annotated[
+        int, typer.Option(min=1, help="Keep every so many samples of the sample period.")
+    ] = 5,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the metrics as JSON, SI units and radians.")
+    ] = False,
+) -> None:
+    """Simulate one manoeuvre in closed loop and show its metrics."""
+    description = read_scenario(scenario) if scenario is not None else {}
+    for path, value in (
+        ("payload.mass", payload_mass),
+        ("payload.length", payload_length),
+        ("payload.width", payload_width),
+        ("mass_error", mass_error),
+        ("slew.angle", None if slew_angle_deg is None else math.radians(slew_angle_deg)),
+        ("slew.max_accel", slew_max_accel),
+        ("slew.profile", profile),
+        ("horizon", horizon),
+    ):
+        if value is not None:
+            description = with_value(description, path, value)
+    names = law or ["none", "linear", "lyapunov"]
+    if len(set(names)) != len(names):
+        raise BaselineError(f"--law is given twice: {', '.join(names)}")
+    laws = {name: law_data(name) for name in names}
+    if out is not None:
+        storage.claim_directory(out, force=force)
+    flights = {
+        name: drm_env.simulate(description, law=data, decimation=decimation)
+        for name, data in laws.items()
+    }
+    report = {
+        "format": "drm-simulation",
+        "format_version": 1,
+        "units": "SI and radians",
+        "scenario": description,
+        "laws": laws,
+        "metrics": {name: dict(flight.metrics) for name, flight in flights.items()},
+        "provenance": storage.provenance(),
+    }
+    if as_json:
+        typer.echo(json.dumps(storage.plain(report), indent=2))
+    else:
+        console.print(
+            metrics_table(
+                {name: flight.metrics for name, flight in flights.items()}, title="manoeuvre"
+            )
+        )
+    if out is None:
+        return
+    from drm_baselines import plots
+
+    files = [
+        write_trajectory(out / f"{name}.csv", flight, overwrite=force)
+        for name, flight in flights.items()
+    ]
+    files.append(storage.write_json(out / "simulation.json", report, overwrite=force))
+    files.append(
+        plots.plot_manoeuvres(flights, out / "manoeuvre.png", title="manoeuvre", overwrite=force)
+    )
+    if not as_json:
+        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)

@@ -1,0 +1,173 @@
+"""``drm train``: train a policy, or go on with an interrupted run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import Progress, TaskID
+
+from drm_baselines.cli.common import SET_HELP, console, guarded, parse_options, progress_bar
+from drm_baselines.errors import BaselineError
+from drm_baselines.metrics import describe
+from drm_baselines.runs import load_run
+from drm_baselines.tables import interval
+
+if TYPE_CHECKING:
+    from drm_baselines.training import Point
+
+
+class ConsoleWatcher:
+    """Shows a run as a progress bar, and each point of its learning curve as a line."""
+
+    def __init__(self, progress: Progress, total: int, done: int = 0) -> None:
+        self._progress = progress
+        self._task: TaskID = progress.add_task(
+            "training", total=total, completed=done, note="steps"
+        )
+        self.points: list[Point] = []
+
+    def advanced(self, steps: int, recent: Mapping[str, float]) -> None:
+        """Move the bar; show the tip error with exploration noise."""
+        note = "steps"
+        if "tip_error_rms" in recent:
+            note = f"steps, with noise {recent['tip_error_rms'] * 1e3:.1f} mm"
+        self._progress.update(self._task, completed=steps, note=note)
+
+    def evaluated(self, point: Point) -> None:
+        """Print the point."""
+        self.points.append(point)
+        self._progress.update(self._task, completed=point.steps)
+        cells = []
+        for name in ("tip_error_rms", "residual_rms", "settled"):
+            metric = describe(name)
+            cells.append(
+                f"{metric.label} {interval(point.episodes.estimate(name), metric)} {metric.unit}"
+            )
+        console.print(
+            f"{point.steps:>10,} steps {point.wall_time:6.0f} s   " + "   ".join(cells),
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def training_module() -> Any:
+    """Import the training code, which needs the ``learn`` extra.
+
+    Raises
+    ------
+    BaselineError
+        Torch or Stable-Baselines3 is not installed.
+    """
+    try:
+        from drm_baselines import training
+    except ImportError as error:
+        raise BaselineError(
+            f"training needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
+        ) from error
+    return training
+
+
+@guarded
+def train(
+    out: Annotated[Path, typer.Option(help="Directory of the run.")],
+    algo: Annotated[
+        str | None,
+        typer.Option(help="Algorithm: ppo (default) or sac.", show_default=False),
+    ] = None,
+    env_id: Annotated[
+        str | None,
+        typer.Option(
+            "--env", help="Environment; drm_env/SlewResidual-v0 by default.", show_default=False
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Environment steps in all, over all environments and including "
+            "those done before a --resume; 4,000,000 by default.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=999,
+            help="Seed of networks, noise and episodes; 0 by default.",
+            show_default=False,
+        ),
+    ] = None,
+    n_envs: Annotated[
+        int | None,
+        typer.Option("--n-envs", min=1, max=10_000, help="Environments stepped as one batch."),
+    ] = None,
+    hyperparameters: Annotated[
+        Path | None, typer.Option(help="TOML file of settings instead of the packaged ones.")
+    ] = None,
+    evaluations: Annotated[int, typer.Option(min=1, help="Points of the learning curve.")] = 10,
+    evaluation_episodes: Annotated[
+        int, typer.Option(min=2, help="Episodes behind each point of the learning curve.")
+    ] = 64,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
+    ] = False,
+    set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
+) -> None:
+    """Train PPO or SAC; Ctrl-C saves the run, which --resume then continues.
+
+    The directory receives run.json (everything needed to repeat the run), the policy as
+    safetensors and JSON, the learning curve as CSV, TensorBoard events and a checkpoint. The
+    checkpoint is a pickle that --resume alone reads: resume only runs of your own.
+    """
+    from drm_baselines import hyperparameters as settings_files
+
+    if resume:
+        given = {"--algo": algo, "--env": env_id, "--seed": seed, "--n-envs": n_envs,
+                 "--hyperparameters": hyperparameters, "--set": set_options or None,
+                 "--force": force or None}  # fmt: skip
+        for name, value in given.items():
+            if value is not None:
+                raise BaselineError(
+                    f"{name} cannot be given with --resume: a run goes on with what it began with"
+                )
+        record = load_run(out)
+        total = steps if steps is not None else record.target_steps
+        training = training_module()
+        with progress_bar() as progress:
+            watcher = ConsoleWatcher(progress, total, record.steps)
+            record = training.resume(out, steps=steps, watcher=watcher)
+    else:
+        import dataclasses
+
+        algorithm = algo or "ppo"
+        settings = settings_files.load_hyperparameters(algorithm, hyperparameters)
+        if n_envs is not None:
+            settings = dataclasses.replace(settings, n_envs=n_envs)
+        training = training_module()
+        request = training.TrainingRequest(
+            algorithm=algorithm,
+            env_id=env_id or "drm_env/SlewResidual-v0",
+            options=parse_options(set_options),
+            steps=steps if steps is not None else 4_000_000,
+            seed=seed if seed is not None else 0,
+            settings=settings,
+            evaluations=evaluations,
+            evaluation_episodes=evaluation_episodes,
+        )
+        with progress_bar() as progress:
+            watcher = ConsoleWatcher(progress, request.steps)
+            record = training.train(out, request, watcher=watcher, force=force)
+    console.print(
+        f"{record.status} after {record.steps:,} steps and {record.wall_time:.0f} s of training; "
+        f"saved in {out}",
+        highlight=False,
+    )
+    if record.status == "interrupted":
+        console.print(f"go on with: drm train --resume --out {out}", highlight=False)
+        raise typer.Exit(130)

@@ -1,0 +1,294 @@
+"""Policies side by side on the same episodes.
+
+A contestant is a control law, or a trained policy with the task it was trained in (observation,
+control period, inner law). All of them fly the same scenarios: those of the environment that the
+comparison is about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import drm_env
+from drm_baselines import storage
+from drm_baselines.errors import BaselineError, PolicyError
+from drm_baselines.evaluation import (
+    Progress,
+    check_fit,
+    config_data,
+    environment_config,
+    fly_law,
+    fly_policy,
+    scenarios_of,
+)
+from drm_baselines.network import NetworkPolicy, load_policy
+from drm_baselines.policies import LAWS, Policy, law_data, law_name, make_policy
+from drm_baselines.records import Episodes, comparison, write_records
+
+FORMAT = "drm-comparison"
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arena:
+    """The episodes that everybody flies.
+
+    Attributes
+    ----------
+    env_id, options
+        Where the scenarios are drawn from, with keyword options.
+    seed, episodes
+        Episode i is that of ``reset(seed=seed + i)``.
+    """
+
+    env_id: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    episodes: int = 100
+
+    @property
+    def config(self) -> drm_env.EnvConfig:
+        """The complete configuration."""
+        return environment_config(self.env_id, self.options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contestant:
+    """A policy with the environment it decides in.
+
+    ``law`` is set for laws that the engine flies itself; otherwise ``policy`` acts in ``env_id``
+    with ``config``, which must draw the arena's scenarios.
+    """
+
+    label: str
+    law: Mapping[str, Any] | None = None
+    policy: Policy | None = None
+    env_id: str = ""
+    config: drm_env.EnvConfig | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def fly(self, arena: Arena, progress: Progress | None = None) -> Episodes:
+        """Fly the arena's episodes."""
+        if self.law is not None:
+            return fly_law(
+                self.law,
+                arena.config,
+                env_id=arena.env_id,
+                seed=arena.seed,
+                episodes=arena.episodes,
+                label=self.label,
+                progress=progress,
+            )
+        assert self.policy is not None, "a contestant has a law or a policy"
+        assert self.config is not None, "a policy comes with a configuration"
+        return fly_policy(
+            self.policy,
+            self.env_id,
+            self.config,
+            seed=arena.seed,
+            episodes=arena.episodes,
+            label=self.label,
+            details=self.details,
+            progress=progress,
+        )
+
+    def trajectory(self, arena: Arena, index: int = 0) -> Mapping[str, NDArray[np.float64]]:
+        """Return the signals of the arena's episode ``index`` over time."""
+        if self.law is not None:
+            scenario = scenarios_of(arena.env_id, arena.config, arena.seed + index, 1)[0]
+            return drm_env.simulate(scenario, law=dict(self.law))
+        assert self.policy is not None, "a contestant has a law or a policy"
+        assert self.config is not None, "a policy comes with a configuration"
+        return fly_trajectory(self.policy, self.env_id, self.config, arena.seed + index)
+
+
+def fly_trajectory(
+    policy: Policy, env_id: str, config: drm_env.EnvConfig, seed: int
+) -> dict[str, NDArray[np.float64]]:
+    """Fly one episode and return the true signals at each decision, SI, by name."""
+    env = gym.make(env_id, config=config)
+    try:
+        observation, _ = env.reset(seed=seed)
+        inner: Any = env.unwrapped
+        rows = [inner.signals()]
+        state, start, done = None, np.ones(1, dtype=np.bool_), False
+        while not done:
+            action, state = policy.predict(
+                observation, state=state, episode_start=start, deterministic=True
+            )
+            observation, _, terminated, truncated, _ = env.step(action)
+            rows.append(inner.signals())
+            start, done = np.zeros(1, dtype=np.bool_), terminated or truncated
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    finally:
+        env.close()
+
+
+def contestant_of_law(name: str, **parameters: Any) -> Contestant:
+    """Return a control law, flown by the engine every 2 ms."""
+    labels = {"none": "open loop", "linear": "linear law", "lyapunov": "Lyapunov law"}
+    return Contestant(label=labels.get(name, name), law=law_data(name, **parameters))
+
+
+def contestant_of_inner_law(arena: Arena, config: drm_env.EnvConfig, env_id: str) -> Contestant:
+    """Return the environment's inner law alone: zero action in the environment itself."""
+    inner = config.task.inner_law
+    name = "none" if inner is None else law_name(inner)
+    return Contestant(
+        label=f"inner law alone ({name})",
+        policy=make_policy("none", config=config),
+        env_id=env_id,
+        config=_same_episodes(arena, env_id, config_data(config)),
+        details={"inner_law": name, "action": "zero"},
+    )
+
+
+def contestant_of_run(arena: Arena, directory: Path, label: str | None = None) -> Contestant:
+    """Return the exported policy of a run, in the task it was trained in, on the arena's episodes.
+
+    Raises
+    ------
+    RunError
+        No such run, or damaged files.
+    PolicyError
+        The policy does not fit that environment in this version of drm-env.
+    """
+    policy = load_policy(directory)
+    config = _same_episodes(arena, policy.env_id, policy.config)
+    check_fit(policy, config)
+    return Contestant(
+        label=label or f"learned ({directory.name})",
+        policy=policy,
+        env_id=policy.env_id,
+        config=config,
+        details=details_of(policy),
+    )
+
+
+def details_of(policy: NetworkPolicy) -> dict[str, Any]:
+    """Return what identifies a learned policy in records."""
+    training = policy.description.get("training", {})
+    return {
+        "env_id": policy.env_id,
+        "weights_sha256": policy.description["weights_sha256"],
+        "training": {
+            name: training.get(name) for name in ("algorithm", "seed", "steps", "wall_time")
+        },
+    }
+
+
+def _same_episodes(arena: Arena, env_id: str, config: Mapping[str, Any]) -> drm_env.EnvConfig:
+    """The arena's scenarios under another task, checked to be the same ones."""
+    base = arena.config
+    data = config_data(base)
+    merged = environment_config(env_id, {"config": {**data, "task": config["task"]}})
+    count = min(arena.episodes, 8)
+    if scenarios_of(env_id, merged, arena.seed, count) != scenarios_of(
+        arena.env_id, base, arena.seed, count
+    ):
+        raise BaselineError(
+            f"{env_id} does not draw the episodes of {arena.env_id}: they cannot be compared"
+        )
+    return merged
+
+
+def contestant_named(arena: Arena, text: str) -> Contestant:
+    """Return the law or the run directory that ``text`` names.
+
+    Raises
+    ------
+    PolicyError
+        Neither a law nor a directory; the message lists what exists.
+    """
+    if text in LAWS:
+        return contestant_of_law(text)
+    path = Path(text)
+    if path.is_dir():
+        return contestant_of_run(arena, path)
+    raise PolicyError(
+        f"no policy {text!r}: it is neither one of {', '.join(LAWS)} nor the directory of a "
+        "training run"
+    )
+
+
+def fly_all(
+    contestants: Sequence[Contestant],
+    arena: Arena,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Episodes]:
+    """Fly all contestants over the arena's episodes, one after the other."""
+    labels = [contestant.label for contestant in contestants]
+    twice = next((label for label in labels if labels.count(label) > 1), None)
+    if twice is not None:
+        raise BaselineError(f"two policies are called {twice!r}: name each only once")
+
+    def report(label: str) -> Progress | None:
+        if progress is None:
+            return None
+        shown = progress
+        return lambda done, total: shown(label, done, total)
+
+    return [contestant.fly(arena, report(contestant.label)) for contestant in contestants]
+
+
+def report_of(
+    flights: Sequence[Episodes], arena: Arena, *, reference: str | None = None
+) -> dict[str, Any]:
+    """Return the comparison as plain data: aggregates, paired differences, provenance."""
+    against = next((flight for flight in flights if flight.label == reference), flights[0])
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "units": "SI and radians",
+        "seed": arena.seed,
+        "episodes": arena.episodes,
+        "environment": {
+            "id": arena.env_id,
+            "options": dict(arena.options),
+            "config": config_data(arena.config),
+        },
+        "policies": [flight.summary() for flight in flights],
+        "paired": {
+            "reference": against.label,
+            "candidates": {
+                flight.label: comparison(flight, against)
+                for flight in flights
+                if flight is not against
+            },
+        },
+        "provenance": storage.provenance(),
+    }
+
+
+def write_comparison(
+    directory: Path,
+    flights: Sequence[Episodes],
+    report: Mapping[str, Any],
+    *,
+    title: str,
+    overwrite: bool,
+) -> list[Path]:
+    """Write report, records and figures of a comparison into ``directory``; return the files."""
+    from drm_baselines import plots
+
+    settings = {name: value for name, value in report.items() if name not in ("policies", "paired")}
+    settings["policies"] = [
+        {"label": flight.label, "details": dict(flight.details)} for flight in flights
+    ]
+    return [
+        storage.write_json(directory / "comparison.json", dict(report), overwrite=overwrite),
+        *write_records(directory / "episodes.csv", flights, settings=settings, overwrite=overwrite),
+        plots.plot_comparison(
+            flights, directory / "comparison.png", title=title, overwrite=overwrite
+        ),
+        plots.plot_distribution(
+            flights, directory / "tip_error.png", title=title, overwrite=overwrite
+        ),
+    ]

@@ -1,0 +1,261 @@
+"""Flying policies over the same episodes and recording what the engine's evaluator says.
+
+A law is flown by the engine from end to end (``drm_env.rollout``), at its own sampling period; a
+learned policy through ``gymnasium.make_vec`` at the period it was trained with. Episode i is in
+both cases the one that the environment flies after ``reset(seed=seed + i)``, so that all rows
+are paired. Metrics come from the engine's states, never from a policy.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import drm_env
+from drm_baselines.errors import BaselineError, PolicyError
+from drm_baselines.network import NetworkPolicy
+from drm_baselines.policies import Policy
+from drm_baselines.records import Episodes
+
+Progress = Callable[[int, int], None]
+"""Called with (done, total) while episodes are flown."""
+
+EVALUATION_SEED = 0
+"""First seed of evaluations by default; training draws from :data:`TRAINING_SEED` on."""
+
+TRAINING_SEED = 1_000_000_000
+"""Offset of the seeds that training environments use: no evaluation should reach it."""
+
+_CHUNK = 256
+
+
+def episode_seeds(seed: int, episodes: int) -> list[int]:
+    """Return the seeds ``seed .. seed + episodes - 1``, all apart from training's.
+
+    Raises
+    ------
+    BaselineError
+        A negative seed, no episodes, or seeds that training may have flown.
+    """
+    if episodes < 1:
+        raise BaselineError(f"episodes must be at least 1, got {episodes}")
+    if seed < 0:
+        raise BaselineError(f"seed must not be negative, got {seed}")
+    if seed + episodes > TRAINING_SEED:
+        raise BaselineError(
+            f"seeds {seed}..{seed + episodes - 1} reach those kept for training "
+            f"({TRAINING_SEED} and above)"
+        )
+    return list(range(seed, seed + episodes))
+
+
+def environment_config(env_id: str, options: Mapping[str, Any]) -> drm_env.EnvConfig:
+    """Return the complete configuration of an environment id with keyword options.
+
+    Raises
+    ------
+    BaselineError
+        No such id among drm-env's.
+    drm_env.ConfigError
+        An unknown or impossible option.
+    """
+    known = known_ids()
+    if env_id not in known:
+        raise BaselineError(f"no environment {env_id!r}; there are {', '.join(known)}")
+    defaults = dict(gym.spec(env_id).kwargs)
+    env = drm_env.DrmEnv(**{**defaults, **options})
+    try:
+        return env.config
+    finally:
+        env.close()
+
+
+def config_data(config: drm_env.EnvConfig) -> dict[str, Any]:
+    """Return a configuration as plain data, in the form that configuration files have."""
+    env = drm_env.DrmEnv(config=config)
+    try:
+        data: dict[str, Any] = json.loads(env.config_json)
+        return data
+    finally:
+        env.close()
+
+
+def known_ids() -> list[str]:
+    """Return the ids that drm-env has registered."""
+    return sorted(name for name in gym.registry if name.startswith("drm_env/"))
+
+
+def _context(scenarios: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[np.float64]]:
+    """The drawn numbers that differ between the scenarios or matter in every table."""
+
+    def flatten(node: Any, path: str, into: dict[str, float]) -> None:
+        if isinstance(node, Mapping):
+            for name, item in node.items():
+                flatten(item, f"{path}.{name}" if path else name, into)
+        elif isinstance(node, (int, float)) and not isinstance(node, bool):
+            into[path] = float(node)
+
+    rows: list[dict[str, float]] = []
+    for scenario in scenarios:
+        row: dict[str, float] = {}
+        flatten(scenario, "", row)
+        rows.append(row)
+    shared = [name for name in rows[0] if all(name in row for row in rows)]
+    columns = {name: np.array([row[name] for row in rows]) for name in shared}
+    always = ("payload.mass", "reported_payload.mass", "mass_error", "slew.angle")
+    return {
+        name: values
+        for name, values in columns.items()
+        if name in always or np.any(values != values[0])
+    }
+
+
+def scenarios_of(
+    env_id: str, config: drm_env.EnvConfig, seed: int, episodes: int
+) -> list[dict[str, Any]]:
+    """Return the scenarios that the environment flies with ``seed .. seed + episodes - 1``."""
+    task = str(gym.spec(env_id).kwargs["task"])
+    return drm_env.sample_scenarios(task, config=config, seed=seed, n=episodes)
+
+
+def fly_law(
+    law: Mapping[str, Any],
+    config: drm_env.EnvConfig,
+    *,
+    env_id: str,
+    seed: int,
+    episodes: int,
+    label: str | None = None,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Fly a control law in the engine, every ``scenario.sample_period`` seconds.
+
+    Parameters
+    ----------
+    law
+        The law as data, see ``drm_baselines.policies.law_data``.
+    config, env_id
+        Where the scenarios are drawn from; its task (observation, reward) plays no part.
+    seed, episodes
+        Scenario i is what an environment of this configuration flies with ``seed + i``.
+    label
+        Name in tables; the law's by default.
+    progress
+        Called with (done, total).
+    """
+    seeds = episode_seeds(seed, episodes)
+    scenarios = scenarios_of(env_id, config, seed, episodes)
+    metrics = drm_env.rollout(scenarios, law=dict(law), progress=progress)
+    return Episodes(
+        label=label or str(law["name"]),
+        control_period=float(config.scenario.sample_period),
+        seeds=seeds,
+        metrics={name: np.asarray(values, dtype=np.float64) for name, values in metrics.items()},
+        context=_context(scenarios),
+        details={"law": dict(law)},
+    )
+
+
+def check_fit(policy: NetworkPolicy, config: drm_env.EnvConfig) -> None:
+    """Refuse an environment whose observation is not what the policy was trained on.
+
+    Raises
+    ------
+    PolicyError
+        Another observation layout, number of actuators or inner law.
+    """
+    layout = [list(entry) for entry in drm_env.observation_layout(config=config)]
+    if layout != [list(entry) for entry in policy.description["observation_layout"]]:
+        raise PolicyError(
+            f"the observation of this environment ({len(layout)} entries) is not the one the "
+            f"policy was trained on in {policy.env_id} ({policy.network.inputs} entries)"
+        )
+    actuators = list(config.task.actuators)
+    if len(actuators) != policy.network.outputs:
+        raise PolicyError(
+            f"the environment has {len(actuators)} actuators, the policy drives "
+            f"{policy.network.outputs}"
+        )
+
+
+def fly_policy(
+    policy: Policy,
+    env_id: str,
+    config: drm_env.EnvConfig,
+    *,
+    seed: int,
+    episodes: int,
+    label: str,
+    details: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Fly any policy through ``gymnasium.make_vec``, one episode a sub-environment.
+
+    Parameters
+    ----------
+    policy
+        Anything with Stable-Baselines3's ``predict``.
+    env_id, config
+        The environment; its control period is what the policy acts at.
+    seed, episodes
+        Sub-environment i is reset with ``seed + i``.
+    label
+        Name in tables.
+    details
+        What identifies the policy, for the records.
+    progress
+        Called with (finished, total) episodes.
+    """
+    seeds = episode_seeds(seed, episodes)
+    parts: list[dict[str, NDArray[np.float64]]] = []
+    for first in range(0, episodes, _CHUNK):
+        count = min(_CHUNK, episodes - first)
+        parts.append(_fly_chunk(policy, env_id, config, seed + first, count))
+        if progress is not None:
+            progress(first + count, episodes)
+    scenarios = scenarios_of(env_id, config, seed, episodes)
+    return Episodes(
+        label=label,
+        control_period=float(config.task.control_period),
+        seeds=seeds,
+        metrics={name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+        context=_context(scenarios),
+        details=details or {},
+    )
+
+
+def _fly_chunk(
+    policy: Policy, env_id: str, config: drm_env.EnvConfig, seed: int, count: int
+) -> dict[str, NDArray[np.float64]]:
+    env = gym.make_vec(env_id, num_envs=count, config=config)
+    try:
+        observations, _ = env.reset(seed=seed)
+        starts = np.ones(count, dtype=np.bool_)
+        finished = np.zeros(count, dtype=np.bool_)
+        metrics: dict[str, NDArray[np.float64]] = {}
+        state = None
+        while not finished.all():
+            actions, state = policy.predict(
+                observations, state=state, episode_start=starts, deterministic=True
+            )
+            observations, _, terminated, truncated, info = env.step(actions)
+            starts = terminated | truncated
+            # Sub-environments that ended early are reset and fly on; only their first episode
+            # counts, or short episodes would weigh more.
+            ended = starts & ~finished
+            if ended.any():
+                for key, values in info.items():
+                    if key.startswith("metrics/"):
+                        column = metrics.setdefault(
+                            key.removeprefix("metrics/"), np.full(count, np.nan)
+                        )
+                        column[ended] = np.asarray(values, dtype=np.float64)[ended]
+                finished |= ended
+        return metrics
+    finally:
+        env.close()

@@ -1,0 +1,537 @@
+"""Training PPO and SAC with Stable-Baselines3 on the native batch of environments.
+
+A run is one directory (see :mod:`drm_baselines.runs`). It can be interrupted at any time and
+resumed; the policy beside the record is always the newest one, exported as plain arrays. The
+learning curve is measured by flying the deterministic policy over fixed episodes, judged by the
+engine's metrics, on seeds that training never draws.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import importlib.util
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from torch import nn
+
+import drm_env
+from drm_baselines import hyperparameters, storage
+from drm_baselines.errors import RunError
+from drm_baselines.evaluation import TRAINING_SEED, config_data, environment_config, fly_policy
+from drm_baselines.export import perceptron_of
+from drm_baselines.network import NetworkPolicy, save_policy
+from drm_baselines.records import Episodes
+from drm_baselines.runs import EVALUATIONS_FILE, RUN_FILE, RunRecord, checkpoint_file, load_run
+
+CURVE_SEED = 900_000_000
+"""First seed of the episodes behind learning curves: apart from training and from evaluations."""
+
+_SEEDS_A_RUN = 1_000_000
+_SEEDS_A_SEGMENT = 10_000
+_ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+_ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
+_CURVE_METRICS = (
+    "episode_return", "tip_error_rms", "residual_rms", "settled", "settling_time",
+    "final_slew_error", "wheel_effort",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingRequest:
+    """What to train.
+
+    Attributes
+    ----------
+    algorithm, env_id, options
+        ``"ppo"`` or ``"sac"``, the environment's id and its keyword options.
+    steps
+        Environment steps of the whole run, over all environments and segments.
+    seed
+        Of the networks, the action noise and the episodes.
+    settings
+        Hyperparameters; ``n_envs`` among them.
+    evaluations, evaluation_episodes
+        Number of points of the learning curve, and episodes behind each.
+    """
+
+    algorithm: str
+    env_id: str
+    options: Mapping[str, Any]
+    steps: int
+    seed: int
+    settings: hyperparameters.Hyperparameters
+    evaluations: int = 10
+    evaluation_episodes: int = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One point of a learning curve."""
+
+    steps: int
+    wall_time: float
+    episodes: Episodes
+
+
+class Watcher(Protocol):
+    """Whoever shows the progress of a run."""
+
+    def advanced(self, steps: int, recent: Mapping[str, float]) -> None:
+        """Called now and then with the steps so far and averages over recent episodes."""
+
+    def evaluated(self, point: Point) -> None:
+        """Called after each point of the learning curve."""
+
+
+@dataclass
+class SilentWatcher:
+    """Shows nothing, keeps the points."""
+
+    points: list[Point] = field(default_factory=list)
+
+    def advanced(self, steps: int, recent: Mapping[str, float]) -> None:
+        """Take note of nothing."""
+
+    def evaluated(self, point: Point) -> None:
+        """Keep the point."""
+        self.points.append(point)
+
+
+class StaggeredStart(VecEnvWrapper):
+    """Spreads the environments evenly over the phases of an episode before training begins.
+
+    Episodes of this task are equally long. Environments that all start together stay in step,
+    so that each update would see one phase of the manoeuvre only and forget the others.
+
+    Parameters
+    ----------
+    venv
+        Environments whose sub-environments can be reset one at a time.
+    horizon
+        Length of an episode in steps.
+    """
+
+    def __init__(self, venv: VecEnv, horizon: int) -> None:
+        super().__init__(venv)
+        self._horizon = horizon
+
+    def reset(self) -> VecEnvObs:
+        """Reset, then fly one horizon with zero action, restarting each at its own time."""
+        observations = self.venv.reset()
+        shape = self.action_space.shape
+        assert shape is not None, "the action space is a Box"
+        actions = np.zeros((self.num_envs, *shape), dtype=np.float32)
+        restarts = np.arange(self.num_envs) * self._horizon // self.num_envs
+        for step in range(self._horizon):
+            due = np.flatnonzero(restarts == step)
+            if step > 0 and due.size:
+                self.venv.env_method("reset", indices=due.tolist())
+            observations, _, _, _ = self.venv.step(actions)
+        return observations
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Step the environments."""
+        return self.venv.step_wait()
+
+
+@contextlib.contextmanager
+def stop_on_signal() -> Iterator[threading.Event]:
+    """Yield an event that the first Ctrl-C or SIGTERM sets; a second Ctrl-C interrupts at once.
+
+    Stopping between two steps leaves networks and optimiser in a state worth saving.
+    """
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def request(number: int, frame: object) -> None:  # noqa: ARG001
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    try:
+        for number in previous:
+            signal.signal(number, request)
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+class _Monitor(BaseCallback):
+    """Watches a run: progress, averages of finished episodes, learning curve, checkpoints."""
+
+    def __init__(self, run: _Run, watcher: Watcher, stop: threading.Event) -> None:
+        super().__init__()
+        self._run = run
+        self._watcher = watcher
+        self._stop = stop
+        self._recent: dict[str, float] = {}
+        self._shown = 0.0
+
+    def _on_step(self) -> bool:
+        dones = self.locals["dones"]
+        if dones.any():
+            self._take(self.locals["infos"], dones)
+        now = time.monotonic()
+        if now - self._shown > 0.25:
+            self._shown = now
+            self._watcher.advanced(self.num_timesteps, self._recent)
+        if self.num_timesteps >= self._run.next_evaluation:
+            self._run.evaluate(self._watcher)
+            self._run.save("running")
+        return not self._stop.is_set()
+
+    def _take(self, infos: list[dict[str, Any]], dones: Any) -> None:
+        ended = [infos[index] for index in np.flatnonzero(dones)]
+        for name in _CURVE_METRICS:
+            values = [info.get(f"metrics/{name}", np.nan) for info in ended]
+            known = [value for value in values if np.isfinite(value)]
+            if not known:
+                continue
+            mean = float(np.mean(known))
+            old = self._recent.get(name, mean)
+            # Weighted as if the last hundred episodes or so were averaged.
+            share = min(1.0, len(known) / 100.0)
+            self._recent[name] = old + share * (mean - old)
+            self.logger.record(f"rollout/{name}", self._recent[name])
+
+
+class _Run:
+    """One run in its directory: model, record, curve."""
+
+    def __init__(
+        self,
+        directory: Path,
+        record: RunRecord,
+        model: BaseAlgorithm,
+        config: drm_env.EnvConfig,
+        request: TrainingRequest,
+    ) -> None:
+        self.directory = directory
+        self.record = record
+        self.model = model
+        self.config = config
+        self._request = request
+        self._spacing = max(1, request.steps // max(1, request.evaluations))
+        self._started = time.monotonic()
+        self._before = record.wall_time
+        self._begun = model.num_timesteps
+        self._overhead = 0.0
+        self._points: list[dict[str, float]] = self._read_points()
+        self.next_evaluation = (model.num_timesteps // self._spacing + 1) * self._spacing
+
+    @property
+    def wall_time(self) -> float:
+        """Seconds spent on training so far, in all segments, without the evaluations."""
+        return self._before + time.monotonic() - self._started - self._overhead
+
+    @property
+    def last_point(self) -> int:
+        """Steps at the newest point of the learning curve."""
+        return int(self._points[-1]["steps"]) if self._points else -1
+
+    def _read_points(self) -> list[dict[str, float]]:
+        path = self.directory / EVALUATIONS_FILE
+        if not path.is_file():
+            return []
+        with path.open(newline="", encoding="utf-8") as stream:
+            return [
+                {name: float(value or "nan") for name, value in row.items()}
+                for row in csv.DictReader(stream)
+            ]
+
+    def describe_policy(self) -> dict[str, Any]:
+        """Return what travels with the weights."""
+        record = self.record
+        return {
+            "env_id": record.env_id,
+            "config": record.config,
+            "control_period": record.control_period,
+            "observation_layout": [
+                list(entry) for entry in drm_env.observation_layout(config=self.config)
+            ],
+            "training": {
+                "algorithm": record.algorithm,
+                "seed": record.seed,
+                "steps": int(self.model.num_timesteps),
+                "wall_time": self.wall_time,
+                "hyperparameters": record.hyperparameters,
+                **storage.provenance(),
+            },
+        }
+
+    def evaluate(self, watcher: Watcher) -> None:
+        """Add a point to the learning curve."""
+        begun = time.monotonic()
+        wall_time = self.wall_time
+        policy = NetworkPolicy(perceptron_of(self.model), self.describe_policy())
+        episodes = fly_policy(
+            policy,
+            self.record.env_id,
+            self.config,
+            seed=CURVE_SEED,
+            episodes=self._request.evaluation_episodes,
+            label="learned",
+        )
+        point = {"steps": float(self.model.num_timesteps), "wall_time": wall_time}
+        for name in _CURVE_METRICS:
+            if name in episodes.metrics:
+                estimate = episodes.estimate(name)
+                point[name] = estimate.value
+                point[f"{name}_low"], point[f"{name}_high"] = estimate.low, estimate.high
+                self.model.logger.record(f"evaluation/{name}", estimate.value)
+        self.model.logger.dump(self.model.num_timesteps)
+        self._points = [old for old in self._points if old["steps"] < point["steps"]] + [point]
+        with (
+            storage.atomic_path(self.directory / EVALUATIONS_FILE, overwrite=True) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as stream,
+        ):
+            writer = csv.DictWriter(
+                stream, list(point), restval="", lineterminator="\n", extrasaction="ignore"
+            )
+            writer.writeheader()
+            for row in self._points:
+                writer.writerow({**row, "steps": int(row["steps"])})
+        while self.next_evaluation <= self.model.num_timesteps:
+            self.next_evaluation += self._spacing
+        self._overhead += time.monotonic() - begun
+        watcher.evaluated(Point(steps=int(point["steps"]), wall_time=wall_time, episodes=episodes))
+
+    def save(self, status: str) -> None:
+        """Write checkpoint, exported policy and record; older checkpoints go last."""
+        steps = int(self.model.num_timesteps)
+        folder = self.directory / "checkpoints"
+        folder.mkdir(exist_ok=True)
+        path = folder / f"model_{steps}.zip"
+        with storage.atomic_path(path, overwrite=True) as temporary:
+            self.model.save(temporary)
+        files = {"model": path}
+        if isinstance(self.model, OffPolicyAlgorithm) and status != "running":
+            buffer = folder / f"replay_buffer_{steps}.pkl"
+            with storage.atomic_path(buffer, overwrite=True) as temporary:
+                self.model.save_replay_buffer(temporary)
+            files["replay_buffer"] = buffer
+        save_policy(self.directory, perceptron_of(self.model), self.describe_policy())
+        record = self.record
+        record.steps, record.wall_time, record.status = steps, self.wall_time, status
+        record.checkpoint = {
+            kind: {
+                "file": file.relative_to(self.directory).as_posix(),
+                "sha256": storage.sha256_of(file),
+            }
+            for kind, file in files.items()
+        }
+        record.segments[-1].update(end_steps=steps, wall_time=self.wall_time - self._before)
+        record.save(self.directory)
+        for old in folder.iterdir():
+            if old not in files.values():
+                old.unlink()
+
+
+def _make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
+    settings = request.settings
+    arguments = dict(settings.model)
+    network: dict[str, Any] = {
+        "net_arch": list(settings.network.layers),
+        "activation_fn": _ACTIVATIONS[settings.network.activation],
+        "log_std_init": settings.network.log_std_init,
+    }
+    try:
+        return _ALGORITHMS[request.algorithm](
+            "MlpPolicy",
+            env,
+            learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate_end, 1.0),
+            policy_kwargs=network,
+            seed=request.seed,
+            device="cpu",
+            verbose=0,
+            **arguments,
+        )
+    except (TypeError, ValueError, AssertionError) as error:
+        raise RunError(f"Stable-Baselines3 refuses the hyperparameters in [model]: {error}") from (
+            error
+        )
+
+
+def _make_envs(
+    request: TrainingRequest, config: drm_env.EnvConfig, segment: int
+) -> tuple[VecEnv, int]:
+    from drm_env.sb3 import make_sb3_vec
+
+    first = TRAINING_SEED + request.seed * _SEEDS_A_RUN + segment * _SEEDS_A_SEGMENT
+    # The metrics in the last info say more than a monitor's, and infos are kept small.
+    env = make_sb3_vec(
+        request.env_id,
+        n_envs=request.settings.n_envs,
+        monitor=False,
+        step_context=False,
+        config=config,
+    )
+    horizon = round(config.scenario.horizon / config.task.control_period)
+    return StaggeredStart(env, horizon), first
+
+
+def _new_record(request: TrainingRequest, config: drm_env.EnvConfig) -> RunRecord:
+    return RunRecord(
+        algorithm=request.algorithm,
+        env_id=request.env_id,
+        # JSON knows no tuples: a range is written the way configuration files write it.
+        options={
+            name: {"uniform": list(value)} if isinstance(value, tuple) else value
+            for name, value in request.options.items()
+        },
+        config=config_data(config),
+        control_period=float(config.task.control_period),
+        hyperparameters=request.settings.to_dict(),
+        seed=request.seed,
+        target_steps=request.steps,
+    )
+
+
+def train(
+    directory: Path,
+    request: TrainingRequest,
+    *,
+    watcher: Watcher | None = None,
+    force: bool = False,
+) -> RunRecord:
+    """Train a policy from the start and save everything in ``directory``.
+
+    Raises
+    ------
+    ExistingResultError
+        The directory is not empty and ``force`` is false.
+    drm_env.ConfigError
+        Impossible environment options.
+    RunError
+        Hyperparameters that the algorithm refuses.
+    """
+    options = {**request.settings.env, **request.options}
+    config = environment_config(request.env_id, options)
+    storage.claim_directory(directory, force=force)
+    for name in (RUN_FILE, EVALUATIONS_FILE):
+        (directory / name).unlink(missing_ok=True)
+    torch.set_num_threads(request.settings.torch_threads)
+    env, first_seed = _make_envs(request, config, 0)
+    try:
+        model = _make_model(request, env)
+        # The model has seeded the environments with its own seed, which evaluations may use.
+        env.seed(first_seed)
+        run = _Run(directory, _new_record(request, config), model, config, request)
+        return _fly(run, request, first_seed, watcher or SilentWatcher())
+    finally:
+        env.close()
+
+
+def request_of(record: RunRecord, *, steps: int | None = None) -> TrainingRequest:
+    """Return the request that a run was started with, with another number of steps if given."""
+    return TrainingRequest(
+        algorithm=record.algorithm,
+        env_id=record.env_id,
+        options=record.options,
+        steps=steps if steps is not None else record.target_steps,
+        seed=record.seed,
+        settings=hyperparameters.from_data(record.hyperparameters, RUN_FILE),
+    )
+
+
+def resume(
+    directory: Path, *, steps: int | None = None, watcher: Watcher | None = None
+) -> RunRecord:
+    """Go on with an interrupted run, or extend a finished one to ``steps`` steps.
+
+    The episodes after resuming are drawn from seeds of their own, so that a resumed run is as
+    good as an uninterrupted one but not bit for bit the same.
+
+    Raises
+    ------
+    RunError
+        No run there, a checkpoint that is missing or not the run's own, or nothing left to do.
+    """
+    record = load_run(directory)
+    request = request_of(record, steps=steps)
+    if record.checkpoint is None:
+        raise RunError(f"{directory} was interrupted before its first checkpoint: train it anew")
+    if record.steps >= request.steps:
+        raise RunError(
+            f"{directory} has all of its {record.steps} steps; give a larger --steps to go on"
+        )
+    path = checkpoint_file(directory, record)
+    config = environment_config(record.env_id, {"config": record.config})
+    torch.set_num_threads(request.settings.torch_threads)
+    env, first_seed = _make_envs(request, config, len(record.segments))
+    try:
+        model = _ALGORITHMS[record.algorithm].load(path, env=env, device="cpu")
+        model.set_random_seed(request.seed + len(record.segments))
+        if isinstance(model, OffPolicyAlgorithm):
+            if record.checkpoint.get("replay_buffer"):
+                model.load_replay_buffer(checkpoint_file(directory, record, "replay_buffer"))
+            else:
+                # Killed before it could save its buffer: fill it anew before learning from it.
+                model.learning_starts += model.num_timesteps
+        env.seed(first_seed)
+        record.target_steps, record.status = request.steps, "running"
+        run = _Run(directory, record, model, config, request)
+        return _fly(run, request, first_seed, watcher or SilentWatcher())
+    finally:
+        env.close()
+
+
+def _fly(run: _Run, request: TrainingRequest, first_seed: int, watcher: Watcher) -> RunRecord:
+    record, model = run.record, run.model
+    record.segments.append(
+        {
+            "begin_steps": int(model.num_timesteps),
+            "first_seed": first_seed,
+            "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            **storage.provenance(),
+        }
+    )
+    record.save(run.directory)
+    model.set_logger(configure(str(run.directory / "tensorboard"), _log_formats()))
+    if model.num_timesteps == 0:
+        run.evaluate(watcher)
+    with stop_on_signal() as stop:
+        try:
+            model.learn(
+                request.steps - model.num_timesteps,
+                callback=_Monitor(run, watcher, stop),
+                log_interval=_log_interval(request),
+                reset_num_timesteps=model.num_timesteps == 0,
+            )
+        except KeyboardInterrupt:
+            stop.set()
+        finished = model.num_timesteps >= request.steps
+        if finished and run.last_point < model.num_timesteps:
+            run.evaluate(watcher)
+        run.save("finished" if finished else "interrupted")
+    return record
+
+
+def _log_interval(request: TrainingRequest) -> int:
+    # PPO counts updates, SAC counts episodes, of which a batch ends many at a time.
+    return 5 if request.algorithm == "ppo" else 4 * request.settings.n_envs
+
+
+def _log_formats() -> list[str]:
+    return ["tensorboard" if importlib.util.find_spec("tensorboard") else "csv"]

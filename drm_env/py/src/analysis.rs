@@ -1,0 +1,345 @@
+//! The model as matrices, laws outside the engine's loop, and whole manoeuvres.
+
+use drm_env::Model as Engine;
+use drm_env::arm::{PayloadInertia, PayloadProperties};
+use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
+use drm_env::control::{KnownInertia, Law as EngineLaw, LawMemory, Measurement};
+use drm_env::error::{ConfigError, Error};
+use drm_env::metrics::METRIC_NAMES;
+use drm_env::plant::{Extension, Torques};
+use drm_env::rng::Seed;
+use drm_env::rollout::SIGNAL_NAMES;
+use drm_env::scenario::Scenario;
+use drm_env::{env, rollout as flights};
+use pyo3::prelude::*;
+
+use crate::arrays::{In1, In2, Out1, Out2};
+use crate::env::scenario_text;
+use crate::error::{Failure, Outcome, check_shape, detached, guarded};
+
+/// The arm with one payload.
+#[pyclass(frozen, module = "drm_env._engine")]
+pub(crate) struct Model(Engine);
+
+fn extension(length: f64, rate: f64, accel: f64) -> Extension<f64> {
+    Extension {
+        length,
+        rate,
+        accel,
+    }
+}
+
+fn triple(name: &str, values: &In1<'_, f64>) -> Outcome<[f64; 3]> {
+    check_shape(name, values.shape(), &[3])?;
+    let values = values.slice();
+    Ok([values[0], values[1], values[2]])
+}
+
+/// The rows of a matrix of nalgebra, which stores columns.
+fn dense<'py, const R: usize, const C: usize>(
+    py: Python<'py>,
+    at: impl Fn(usize, usize) -> f64,
+) -> Out2<'py, f64> {
+    let rows: [[f64; C]; R] = std::array::from_fn(|i| std::array::from_fn(|j| at(i, j)));
+    Out2::matrix(py, &rows)
+}
+
+#[pymethods]
+impl Model {
+    #[new]
+    fn new(spec: &str) -> Outcome<Self> {
+        guarded(|| Engine::from_json(spec).map(Self))
+    }
+
+    /// M, C and K at an extension, its rate and acceleration, and a slew rate.
+    #[allow(clippy::type_complexity)]
+    fn matrices<'py>(
+        &self,
+        py: Python<'py>,
+        length: f64,
+        rate: f64,
+        accel: f64,
+        slew_rate: f64,
+    ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>, Out2<'py, f64>)> {
+        let at = extension(length, rate, accel);
+        let [m, c, k] = guarded(|| self.0.matrices(&at, slew_rate))?;
+        Ok((
+            dense::<3, 3>(py, |i, j| m[(i, j)]),
+            dense::<3, 3>(py, |i, j| c[(i, j)]),
+            dense::<3, 3>(py, |i, j| k[(i, j)]),
+        ))
+    }
+
+    /// q'' at an extension (length, rate, acceleration) under (slew, root, tip) torques.
+    fn acceleration<'py>(
+        &self,
+        py: Python<'py>,
+        q: In1<'py, f64>,
+        q_rate: In1<'py, f64>,
+        at: (f64, f64, f64),
+        torques: (f64, f64, f64),
+    ) -> Outcome<Out1<'py, f64>> {
+        let (q, v) = (triple("q", &q)?, triple("q_rate", &q_rate)?);
+        let (slew, root, tip) = torques;
+        let values = guarded(|| {
+            let at = extension(at.0, at.1, at.2);
+            self.0.acceleration(&at, q, v, &Torques { slew, root, tip })
+        })?;
+        Ok(Out1::vector(py, &values))
+    }
+
+    /// Kinetic, potential and total energy.
+    fn energy(
+        &self,
+        q: In1<'_, f64>,
+        q_rate: In1<'_, f64>,
+        length: f64,
+        rate: f64,
+    ) -> Outcome<(f64, f64, f64)> {
+        let (q, v) = (triple("q", &q)?, triple("q_rate", &q_rate)?);
+        let energy = guarded(|| self.0.energy(&extension(length, rate, 0.0), q, v))?;
+        Ok((energy.kinetic, energy.potential, energy.total()))
+    }
+
+    /// Angular momentum about the shoulder.
+    fn angular_momentum(
+        &self,
+        q: In1<'_, f64>,
+        q_rate: In1<'_, f64>,
+        length: f64,
+        rate: f64,
+    ) -> Outcome<f64> {
+        let (q, v) = (triple("q", &q)?, triple("q_rate", &q_rate)?);
+        guarded(|| self.0.angular_momentum(&extension(length, rate, 0.0), q, v))
+    }
+
+    /// Elastic angular frequencies (rad/s) and shapes, one a row.
+    fn modes<'py>(
+        &self,
+        py: Python<'py>,
+        length: f64,
+    ) -> Outcome<(Out1<'py, f64>, Out2<'py, f64>)> {
+        let modes = guarded(|| self.0.modes(length))?;
+        Ok((
+            Out1::vector(py, &modes.frequencies),
+            Out2::matrix(py, &modes.shapes),
+        ))
+    }
+
+    /// A and B about the undeflected arm.
+    fn linearize<'py>(
+        &self,
+        py: Python<'py>,
+        length: f64,
+        rate: f64,
+        accel: f64,
+        slew_rate: f64,
+    ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>)> {
+        let at = extension(length, rate, accel);
+        let (a, b) = guarded(|| self.0.linearize(&at, slew_rate))?;
+        Ok((
+            dense::<6, 6>(py, |i, j| a[(i, j)]),
+            dense::<6, 3>(py, |i, j| b[(i, j)]),
+        ))
+    }
+}
+
+/// What a law is told: the columns of its measurements.
+const MEASUREMENTS: [&str; 8] = [
+    "slew_error",
+    "slew_error_rate",
+    "link2_deflection",
+    "link2_deflection_rate",
+    "extension",
+    "payload_mass",
+    "payload_length",
+    "payload_width",
+];
+
+/// Names of what a law is told, as in the observation.
+#[pyfunction]
+pub(crate) fn measurement_names() -> Vec<&'static str> {
+    MEASUREMENTS.to_vec()
+}
+
+/// A control law flown once a control period.
+#[pyclass(frozen, module = "drm_env._engine")]
+pub(crate) struct Law {
+    law: EngineLaw,
+    scenario: Scenario,
+    control_period: f64,
+}
+
+#[pymethods]
+impl Law {
+    #[new]
+    fn new(law: &str, config: &str) -> Outcome<Self> {
+        guarded(|| {
+            let config = EnvConfig::from_json(config)?;
+            Ok::<_, ConfigError>(Self {
+                law: law_from_json(law)?,
+                scenario: config.scenario,
+                control_period: config.task.control_period,
+            })
+        })
+    }
+
+    /// Time between two calls, s.
+    #[getter]
+    fn control_period(&self) -> f64 {
+        self.control_period
+    }
+
+    /// Torque limits of root and tip wheel, N m.
+    #[getter]
+    fn torque_limits(&self) -> (f64, f64) {
+        let scenario = &self.scenario;
+        (
+            scenario.root_wheel.torque_limit,
+            scenario.tip_wheel.torque_limit,
+        )
+    }
+
+    /// Torques of root and tip wheel, N m, and the new memory, a row for each of the laws.
+    fn torques<'py>(
+        &self,
+        py: Python<'py>,
+        measurements: In2<'py, f64>,
+        state: In2<'py, f64>,
+        start: In1<'py, bool>,
+    ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>)> {
+        let n = start.shape()[0];
+        check_shape("measurements", measurements.shape(), &[n, MEASUREMENTS.len()])?;
+        check_shape("state", state.shape(), &[n, 3])?;
+        let rows = measurements.slice().as_chunks::<{ MEASUREMENTS.len() }>().0;
+        let memories = state.slice().as_chunks::<3>().0;
+        let start = start.slice();
+        let (torques, memory): (Vec<_>, Vec<_>) = detached(py, || {
+            let one = |((row, memory), &start)| self.one(row, memory, start);
+            Ok(rows.iter().zip(memories).zip(start).map(one).unzip())
+        })?;
+        Ok((Out2::matrix(py, &torques), Out2::matrix(py, &memory)))
+    }
+}
+
+impl Law {
+    fn one(&self, row: &[f64; 8], memory: &[f64; 3], start: bool) -> ([f64; 2], [f64; 3]) {
+        let &[slew_error, slew_error_rate, deflection, deflection_rate, extension, mass, length, width] =
+            row;
+        let measured = Measurement {
+            slew_error,
+            slew_error_rate,
+            link2_deflection: deflection,
+            link2_deflection_rate: deflection_rate,
+            extension,
+        };
+        let inertia: PayloadInertia = self.scenario.payload.inertia;
+        let reported = PayloadProperties::new(mass, length, width, inertia);
+        let known = KnownInertia::new(&self.scenario.arm, &reported);
+        let mut memory = if start {
+            LawMemory::fresh()
+        } else {
+            LawMemory {
+                slew_error_rate: memory[0],
+                link2_deflection_rate: memory[1],
+                started: memory[2],
+            }
+        };
+        let torques = self
+            .law
+            .torques(&measured, &known, &mut memory, self.control_period);
+        (
+            [torques.root, torques.tip],
+            [
+                memory.slew_error_rate,
+                memory.link2_deflection_rate,
+                memory.started,
+            ],
+        )
+    }
+}
+
+/// Names of the signals of a trajectory.
+#[pyfunction]
+pub(crate) fn signal_names() -> Vec<&'static str> {
+    SIGNAL_NAMES.to_vec()
+}
+
+/// Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
+#[pyfunction]
+#[allow(clippy::type_complexity)]
+pub(crate) fn simulate<'py>(
+    py: Python<'py>,
+    scenario: &str,
+    law: &str,
+    every: usize,
+    seed: &[u8],
+) -> Outcome<(Vec<(&'static str, Out1<'py, f64>)>, Vec<(&'static str, f64)>)> {
+    let flown = detached(py, || {
+        let scenario = scenario_from_json(scenario)?;
+        let law = law_from_json(law)?;
+        flights::simulate(&scenario, &law, every, Seed::from_le_bytes(seed))
+    })?;
+    let signals = SIGNAL_NAMES.into_iter().zip(&flown.signals);
+    let metrics = METRIC_NAMES.into_iter().zip(flown.metrics.values());
+    Ok((
+        signals
+            .map(|(name, values)| (name, Out1::vector(py, values)))
+            .collect(),
+        metrics.collect(),
+    ))
+}
+
+/// Flies many manoeuvres under a law: metrics, a row a manoeuvre. `progress(flown, all)` is called
+/// now and then; what it raises ends the work and is raised here.
+#[pyfunction]
+#[pyo3(signature = (scenarios, law, seeds, num_threads, progress))]
+pub(crate) fn rollout<'py>(
+    py: Python<'py>,
+    scenarios: Vec<String>,
+    law: &str,
+    seeds: Vec<Vec<u8>>,
+    num_threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Outcome<Out2<'py, f64>> {
+    let mut raised: Option<PyErr> = None;
+    let result = detached(py, || {
+        let scenarios = scenarios
+            .iter()
+            .enumerate()
+            .map(|(i, text)| {
+                scenario_from_json(text).map_err(|e| e.within(&format!("scenarios[{i}]")))
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let law = law_from_json(law)?;
+        let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
+        let report = |flown: usize| {
+            let outcome = Python::attach(|py| {
+                py.check_signals()?;
+                match &progress {
+                    Some(callback) => callback.call1(py, (flown, scenarios.len())).map(drop),
+                    None => Ok(()),
+                }
+            });
+            outcome.map_err(|error| raised = Some(error)).is_ok()
+        };
+        flights::rollout(&scenarios, &law, &seeds, num_threads, report)
+    });
+    if let Some(error) = raised {
+        return Err(Failure::from(error));
+    }
+    let rows: Vec<_> = result?.iter().map(|metrics| metrics.values()).collect();
+    Ok(Out2::matrix(py, &rows))
+}
+
+/// The manoeuvres that environments fly in the first episode of each seed, as a JSON list.
+#[pyfunction]
+pub(crate) fn sample_scenarios(config: &str, seeds: Vec<Vec<u8>>) -> Outcome<String> {
+    guarded(|| {
+        let config = EnvConfig::from_json(config)?;
+        let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
+        let scenarios = env::sample_scenarios(&config, &seeds)?;
+        let texts: Vec<String> = scenarios.iter().map(scenario_text).collect();
+        Ok::<_, Error>(format!("[{}]", texts.join(",")))
+    })
+}

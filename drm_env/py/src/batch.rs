@@ -1,0 +1,315 @@
+//! Many environments.
+
+use std::sync::{Arc, Mutex};
+
+use drm_env::batch::{Autoreset, Batch as Engine, Ended, StepBuffers};
+use drm_env::config::EnvConfig;
+use drm_env::error::{ConfigError, Error};
+use drm_env::metrics::METRIC_NAMES;
+use drm_env::parameter::COUNT;
+use drm_env::rng::Seed;
+use drm_env::scene::scene;
+use drm_env::{Env, render};
+use pyo3::prelude::*;
+
+use crate::arrays::{In1, In2, InOut1, InOut2, Out1, Out2, Out3};
+use crate::env::{flight, locked, picture, settings, signals_now};
+use crate::error::{Outcome, check_shape, detached, guarded};
+
+/// Many environments; see `DrmVectorEnv` in the Python package.
+#[pyclass(frozen, module = "drm_env._engine")]
+pub(crate) struct Batch {
+    engine: Mutex<Engine>,
+    num_envs: usize,
+    action_size: usize,
+    observation_size: usize,
+    horizon_steps: usize,
+}
+
+impl Batch {
+    /// See `Env::with`.
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Engine) -> Result<T, Error> + Send,
+    ) -> Outcome<T> {
+        py.detach(|| {
+            let mut engine = locked(&self.engine)?;
+            guarded(|| work(&mut engine))
+        })
+    }
+
+    fn env<T: Send>(
+        &self,
+        py: Python<'_>,
+        index: usize,
+        work: impl FnOnce(&Env) -> Result<T, Error> + Send,
+    ) -> Outcome<T> {
+        self.with(py, |engine| {
+            let env = engine.env(index).ok_or_else(|| {
+                let requirement = format!("must be below {}", engine.len());
+                ConfigError::value("index", requirement, index)
+            })?;
+            work(env)
+        })
+    }
+
+    /// One value of every environment.
+    fn each<T: Send>(
+        &self,
+        py: Python<'_>,
+        value: impl Fn(Option<&Ended>) -> T + Send + Sync,
+    ) -> Outcome<Vec<T>> {
+        self.with(py, |engine| {
+            Ok((0..engine.len()).map(|i| value(engine.ended(i))).collect())
+        })
+    }
+}
+
+#[pymethods]
+impl Batch {
+    #[new]
+    #[pyo3(signature = (config, num_envs, autoreset, num_threads))]
+    fn new(
+        py: Python<'_>,
+        config: &str,
+        num_envs: usize,
+        autoreset: &str,
+        num_threads: Option<usize>,
+    ) -> Outcome<Self> {
+        detached(py, || {
+            let mode = match autoreset {
+                "next_step" => Autoreset::NextStep,
+                "same_step" => Autoreset::SameStep,
+                "disabled" => Autoreset::Disabled,
+                other => {
+                    let requirement = "must be next_step, same_step or disabled";
+                    return Err(ConfigError::value("autoreset", requirement, other).into());
+                }
+            };
+            let config = Arc::new(EnvConfig::from_json(config)?);
+            let engine = Engine::new(Arc::clone(&config), num_envs, mode, num_threads)?;
+            Ok(Self {
+                num_envs,
+                action_size: config.task.actuators.len(),
+                observation_size: engine.observation_size(),
+                horizon_steps: config.actions_per_episode(),
+                engine: Mutex::new(engine),
+            })
+        })
+    }
+
+    /// Entries of one action.
+    #[getter]
+    fn action_size(&self) -> usize {
+        self.action_size
+    }
+
+    /// Entries of one observation.
+    #[getter]
+    fn observation_size(&self) -> usize {
+        self.observation_size
+    }
+
+    /// Actions in an episode that is not cut short.
+    #[getter]
+    fn horizon_steps(&self) -> usize {
+        self.horizon_steps
+    }
+
+    /// Begins episodes everywhere or where the mask holds, with seeds as little-endian bytes and
+    /// flat parameters as JSON text; writes every observation.
+    #[pyo3(signature = (seeds, options, mask, observations))]
+    fn reset(
+        &self,
+        py: Python<'_>,
+        seeds: Vec<Option<Vec<u8>>>,
+        options: Vec<Option<String>>,
+        mask: Option<In1<'_, bool>>,
+        mut observations: InOut2<'_, f32>,
+    ) -> Outcome<()> {
+        let shape = [self.num_envs, self.observation_size];
+        check_shape("observations", observations.shape(), &shape)?;
+        let mask = mask.as_ref().map(In1::slice);
+        let out = observations.slice_mut();
+        self.with(py, move |engine| {
+            let seeds: Vec<Option<Seed>> = seeds
+                .iter()
+                .map(|seed| seed.as_deref().map(Seed::from_le_bytes))
+                .collect();
+            let once = options
+                .iter()
+                .map(|text| settings(text.as_deref()))
+                .collect::<Result<Vec<_>, _>>()?;
+            engine.reset(&seeds, Some(&once), mask)?;
+            engine.copy_observations(out);
+            Ok(())
+        })
+    }
+
+    /// One control period everywhere, written into the arrays; whether any environment has begun
+    /// an episode and whether any has ended one.
+    #[allow(clippy::too_many_arguments)]
+    fn step(
+        &self,
+        py: Python<'_>,
+        actions: In2<'_, f32>,
+        mut observations: InOut2<'_, f32>,
+        mut rewards: InOut1<'_, f64>,
+        mut terminated: InOut1<'_, bool>,
+        mut truncated: InOut1<'_, bool>,
+        mut terms: InOut2<'_, f64>,
+    ) -> Outcome<(bool, bool)> {
+        let n = self.num_envs;
+        check_shape("actions", actions.shape(), &[n, self.action_size])?;
+        check_shape("observations", observations.shape(), &[n, self.observation_size])?;
+        check_shape("terms", terms.shape(), &[n, 3])?;
+        let actions = actions.slice();
+        let mut buffers = StepBuffers {
+            observations: observations.slice_mut(),
+            rewards: rewards.slice_mut(),
+            terminated: terminated.slice_mut(),
+            truncated: truncated.slice_mut(),
+            terms: terms.slice_mut(),
+        };
+        self.with(py, move |engine| {
+            engine.step(actions, &mut buffers)?;
+            let any = |test: &dyn Fn(usize) -> bool| (0..engine.len()).any(test);
+            Ok((any(&|i| engine.began(i)), any(&|i| engine.ended(i).is_some())))
+        })
+    }
+
+    /// Writes every present observation.
+    fn observations(&self, py: Python<'_>, mut out: InOut2<'_, f32>) -> Outcome<()> {
+        let shape = [self.num_envs, self.observation_size];
+        check_shape("observations", out.shape(), &shape)?;
+        let out = out.slice_mut();
+        self.with(py, move |engine| {
+            engine.copy_observations(out);
+            Ok(())
+        })
+    }
+
+    /// Whether each environment began an episode in the last call.
+    fn reset_happened<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
+        let began: Vec<bool> =
+            self.with(py, |engine| Ok((0..engine.len()).map(|i| engine.began(i)).collect()))?;
+        Ok(Out1::vector(py, &began))
+    }
+
+    /// Writes true contexts into columns, one an environment in the order of `context_names`: all
+    /// of them, or those of the environments that began an episode in the last call.
+    fn contexts(&self, py: Python<'_>, mut out: InOut2<'_, f64>, all: bool) -> Outcome<()> {
+        let n = self.num_envs;
+        check_shape("contexts", out.shape(), &[COUNT, n])?;
+        let out = out.slice_mut();
+        self.with(py, move |engine| {
+            for i in (0..n).filter(|&i| all || engine.began(i)) {
+                let context = engine.env(i).map(Env::context).unwrap_or([f64::NAN; COUNT]);
+                for (row, value) in context.into_iter().enumerate() {
+                    out[row * n + i] = value;
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// Last observation of the episodes that ended in the last step; zeros elsewhere.
+    fn final_obs<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f32>> {
+        let size = self.observation_size;
+        let rows = self.each(py, |ended| {
+            ended.map_or_else(|| vec![0.0; size], |ended| ended.observation.clone())
+        })?;
+        Ok(Out2::new(py, (self.num_envs, size), &rows.concat()))
+    }
+
+    /// Metrics of the episodes that ended in the last step; zeros elsewhere.
+    fn metrics<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f64>> {
+        let zeros = [0.0; METRIC_NAMES.len()];
+        let rows = self.each(py, |ended| ended.map_or(zeros, |ended| ended.metrics.values()))?;
+        Ok(Out2::matrix(py, &rows))
+    }
+
+    /// Whether the episodes that ended in the last step diverged.
+    fn diverged<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
+        let flags = self.each(py, |ended| ended.is_some_and(|ended| ended.metrics.diverged))?;
+        Ok(Out1::vector(py, &flags))
+    }
+
+    /// Whether the arm settled in the episodes that ended in the last step.
+    fn success<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
+        let flags = self.each(py, |ended| ended.is_some_and(|ended| ended.metrics.settled))?;
+        Ok(Out1::vector(py, &flags))
+    }
+
+    /// Whether every environment has had an episode.
+    fn has_reset(&self, py: Python<'_>) -> Outcome<bool> {
+        self.with(py, |engine| {
+            Ok((0..engine.len()).all(|i| engine.env(i).is_some_and(Env::has_reset)))
+        })
+    }
+
+    /// Flat scenario parameters of every later episode, as JSON text each, until called again.
+    fn set_context(&self, py: Python<'_>, options: Vec<Option<String>>) -> Outcome<()> {
+        self.with(py, move |engine| {
+            let list = options
+                .iter()
+                .map(|text| settings(text.as_deref()))
+                .collect::<Result<Vec<_>, _>>()?;
+            engine.set_context(&list)
+        })
+    }
+
+    /// The same for one environment.
+    #[pyo3(signature = (index, options))]
+    fn set_env_context(
+        &self,
+        py: Python<'_>,
+        index: usize,
+        options: Option<&str>,
+    ) -> Outcome<()> {
+        self.with(py, |engine| engine.set_env_context(index, settings(options)?))
+    }
+
+    /// Everything that changes, as bytes.
+    fn get_state(&self, py: Python<'_>) -> Outcome<Vec<u8>> {
+        self.with(py, |engine| Ok(engine.get_state()))
+    }
+
+    /// Restores what `get_state` returned.
+    fn set_state(&self, py: Python<'_>, state: &[u8]) -> Outcome<()> {
+        self.with(py, |engine| engine.set_state(state))
+    }
+
+    /// The state of one environment, as `Env.get_state` returns it.
+    fn env_state(&self, py: Python<'_>, index: usize) -> Outcome<Vec<u8>> {
+        self.with(py, |engine| engine.env_state(index))
+    }
+
+    /// Restores one environment.
+    fn set_env_state(&self, py: Python<'_>, index: usize, state: &[u8]) -> Outcome<()> {
+        self.with(py, |engine| engine.set_env_state(index, state))
+    }
+
+    /// Names and present values of the signals of one environment.
+    fn signals(&self, py: Python<'_>, index: usize) -> Outcome<Vec<(&'static str, f64)>> {
+        self.env(py, index, signals_now)
+    }
+
+    /// A picture of one environment, (height, width, 3).
+    fn render_rgb<'py>(
+        &self,
+        py: Python<'py>,
+        index: usize,
+        width: u32,
+        height: u32,
+    ) -> Outcome<Out3<'py, u8>> {
+        let pixels = self.env(py, index, |env| picture(env, width, height))?;
+        Ok(Out3::new(py, (height as usize, width as usize, 3), &pixels))
+    }
+
+    /// A picture of one environment as text.
+    fn render_ansi(&self, py: Python<'_>, index: usize) -> Outcome<String> {
+        self.env(py, index, |env| Ok(render::ansi(&scene(flight(env)?))))
+    }
+}

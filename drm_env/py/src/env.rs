@@ -1,0 +1,222 @@
+//! One environment.
+
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use drm_env::config::EnvConfig;
+use drm_env::error::{Error, SimulationError};
+use drm_env::flight::Flight;
+use drm_env::parameter::{Overrides, overrides};
+use drm_env::rng::Seed;
+use drm_env::rollout::{SIGNAL_NAMES, signals};
+use drm_env::scene::scene;
+use drm_env::{Env as Engine, Scenario, render};
+use pyo3::prelude::*;
+
+use crate::arrays::{In1, Out1, Out3};
+use crate::error::{Outcome, detached, guarded, poisoned};
+
+/// Settings from JSON text; none from `None`.
+pub(crate) fn settings(text: Option<&str>) -> Result<Overrides, Error> {
+    Ok(text.map_or_else(|| Ok(Overrides::new()), overrides)?)
+}
+
+/// Refuses to look at an episode before there is one.
+pub(crate) fn flight(engine: &Engine) -> Result<&Flight, Error> {
+    if engine.has_reset() {
+        return Ok(engine.flight());
+    }
+    Err(SimulationError::NotRunning("call reset first").into())
+}
+
+/// Names and values of the signals now.
+pub(crate) fn signals_now(engine: &Engine) -> Result<Vec<(&'static str, f64)>, Error> {
+    let flight = flight(engine)?;
+    let values = signals(flight, flight.last_torques());
+    Ok(SIGNAL_NAMES.into_iter().zip(values).collect())
+}
+
+/// A scenario as JSON text.
+pub(crate) fn scenario_text(scenario: &Scenario) -> String {
+    // a struct of numbers and names always serialises
+    serde_json::to_string(scenario).unwrap_or_default()
+}
+
+/// A picture of the flight as bytes, row by row.
+pub(crate) fn picture(engine: &Engine, width: u32, height: u32) -> Result<Vec<u8>, Error> {
+    Ok(render::draw(&scene(flight(engine)?), width, height))
+}
+
+/// One environment; see the class of the same name in the Python package.
+#[pyclass(frozen, module = "drm_env._engine")]
+pub(crate) struct Env {
+    engine: Mutex<Engine>,
+    action_size: usize,
+    observation_size: usize,
+    horizon_steps: usize,
+}
+
+impl Env {
+    /// Every call goes through here: interpreter released, engine locked, panics caught. A panic
+    /// poisons the lock, so that a half-stepped engine is never used again.
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Engine) -> Result<T, Error> + Send,
+    ) -> Outcome<T> {
+        py.detach(|| {
+            let mut engine = locked(&self.engine)?;
+            guarded(|| work(&mut engine))
+        })
+    }
+}
+
+#[pymethods]
+impl Env {
+    #[new]
+    fn new(py: Python<'_>, config: &str) -> Outcome<Self> {
+        detached(py, || {
+            let config = Arc::new(EnvConfig::from_json(config)?);
+            let engine = Engine::new(Arc::clone(&config))?;
+            Ok(Self {
+                action_size: config.task.actuators.len(),
+                observation_size: engine.observation().len(),
+                horizon_steps: config.actions_per_episode(),
+                engine: Mutex::new(engine),
+            })
+        })
+    }
+
+    /// Entries of an action.
+    #[getter]
+    fn action_size(&self) -> usize {
+        self.action_size
+    }
+
+    /// Entries of an observation.
+    #[getter]
+    fn observation_size(&self) -> usize {
+        self.observation_size
+    }
+
+    /// Actions in an episode that is not cut short.
+    #[getter]
+    fn horizon_steps(&self) -> usize {
+        self.horizon_steps
+    }
+
+    /// Begins an episode: the first of a seed (little-endian bytes), or the next one.
+    #[pyo3(signature = (seed, options))]
+    fn reset<'py>(
+        &self,
+        py: Python<'py>,
+        seed: Option<&[u8]>,
+        options: Option<&str>,
+    ) -> Outcome<Out1<'py, f32>> {
+        let seed = seed.map(Seed::from_le_bytes);
+        let observation = self.with(py, |engine| {
+            engine.reset(seed, &settings(options)?)?;
+            Ok(engine.observation().to_vec())
+        })?;
+        Ok(Out1::vector(py, &observation))
+    }
+
+    /// Flat scenario parameters of every later episode, until called again.
+    #[pyo3(signature = (options))]
+    fn set_context(&self, py: Python<'_>, options: Option<&str>) -> Outcome<()> {
+        self.with(py, |engine| Ok(engine.set_context(settings(options)?)?))
+    }
+
+    /// One control period: observation, reward, terminated, truncated and the reward's terms.
+    #[allow(clippy::type_complexity)]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        action: In1<'py, f32>,
+    ) -> Outcome<(Out1<'py, f32>, f64, bool, bool, (f64, f64, f64))> {
+        let action = action.slice();
+        let (outcome, [vibration, slew, effort], observation) = self.with(py, |engine| {
+            let outcome = engine.step(action)?;
+            Ok((outcome, engine.reward_terms(), engine.observation().to_vec()))
+        })?;
+        Ok((
+            Out1::vector(py, &observation),
+            outcome.reward,
+            outcome.terminated,
+            outcome.truncated,
+            (vibration, slew, effort),
+        ))
+    }
+
+    /// The true context of the episode, in the order of `context_names`.
+    fn context<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
+        let values = self.with(py, |engine| Ok(engine.context()))?;
+        Ok(Out1::vector(py, &values))
+    }
+
+    /// Metrics of the episode so far, in the order of `metric_names`.
+    fn metrics<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
+        let values = self.with(py, |engine| Ok(engine.metrics().values()))?;
+        Ok(Out1::vector(py, &values))
+    }
+
+    /// Whether the arm has settled so far.
+    fn is_success(&self, py: Python<'_>) -> Outcome<bool> {
+        self.with(py, |engine| Ok(engine.metrics().settled))
+    }
+
+    /// Whether the episode ended by divergence or at a limit of the structure.
+    fn diverged(&self, py: Python<'_>) -> Outcome<bool> {
+        self.with(py, |engine| Ok(engine.diverged()))
+    }
+
+    /// Whether there has been an episode at all.
+    fn has_reset(&self, py: Python<'_>) -> Outcome<bool> {
+        self.with(py, |engine| Ok(engine.has_reset()))
+    }
+
+    /// Actions taken in this episode.
+    fn steps(&self, py: Python<'_>) -> Outcome<u64> {
+        self.with(py, |engine| Ok(engine.steps()))
+    }
+
+    /// The manoeuvre of this episode as JSON text.
+    fn scenario_json(&self, py: Python<'_>) -> Outcome<String> {
+        self.with(py, |engine| Ok(scenario_text(&flight(engine)?.plan().scenario)))
+    }
+
+    /// Names and present values of the signals.
+    fn signals(&self, py: Python<'_>) -> Outcome<Vec<(&'static str, f64)>> {
+        self.with(py, |engine| signals_now(engine))
+    }
+
+    /// Everything that changes, as bytes.
+    fn get_state(&self, py: Python<'_>) -> Outcome<Vec<u8>> {
+        self.with(py, |engine| Ok(engine.get_state()))
+    }
+
+    /// Restores what `get_state` returned.
+    fn set_state(&self, py: Python<'_>, state: &[u8]) -> Outcome<()> {
+        self.with(py, |engine| engine.set_state(state))
+    }
+
+    /// A picture, (height, width, 3).
+    fn render_rgb<'py>(
+        &self,
+        py: Python<'py>,
+        width: u32,
+        height: u32,
+    ) -> Outcome<Out3<'py, u8>> {
+        let pixels = self.with(py, |engine| picture(engine, width, height))?;
+        Ok(Out3::new(py, (height as usize, width as usize, 3), &pixels))
+    }
+
+    /// A picture as text.
+    fn render_ansi(&self, py: Python<'_>) -> Outcome<String> {
+        self.with(py, |engine| Ok(render::ansi(&scene(flight(engine)?))))
+    }
+}
+
+/// Locks a mutex whose holder cannot have panicked half-way.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> Outcome<MutexGuard<'_, T>> {
+    mutex.lock().map_err(|_| poisoned())
+}

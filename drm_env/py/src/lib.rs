@@ -1,0 +1,32 @@
+//! Python bindings of the engine. They translate types and errors; they decide and compute nothing.
+
+mod analysis;
+mod arrays;
+mod batch;
+mod config;
+mod env;
+mod error;
+
+use pyo3::prelude::*;
+
+/// The engine of drm_env: everything that computes.
+#[pymodule]
+mod _engine {
+    #[pymodule_export]
+    #[allow(non_upper_case_globals)]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    #[pymodule_export]
+    use super::analysis::{
+        Law, Model, measurement_names, rollout, sample_scenarios, signal_names, simulate,
+    };
+    #[pymodule_export]
+    use super::batch::Batch;
+    #[pymodule_export]
+    use super::config::{
+        context_names, default_config_json, metric_names, observation_layout, option_names_json,
+        resolve_config, reward_names, schema_json,
+    };
+    #[pymodule_export]
+    use super::env::Env;
+}

@@ -1,0 +1,627 @@
+//! Configuration of an environment: a scenario, what is drawn for each episode, and the task.
+//! Presets give the registered environments their defaults.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde_json::{Map, Value, json};
+
+use crate::arm::{non_negative, positive};
+use crate::control::Law;
+use crate::error::ConfigError;
+use crate::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
+use crate::rng::Stream;
+use crate::scenario::Scenario;
+
+/// What an agent may drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Actuator {
+    /// Reaction wheel at the shoulder.
+    RootWheel,
+    /// Reaction wheel at the tip.
+    TipWheel,
+    /// Slew motor; without it the open-loop law drives the slew.
+    SlewMotor,
+}
+
+/// Which payload the observation shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ObservePayload {
+    /// The reported one.
+    #[default]
+    Reported,
+    /// The true one.
+    True,
+    /// None: the entries are zero.
+    Hidden,
+}
+
+/// The reward: minus a weighted sum of logarithmic errors, per second.
+///
+/// An error x (m) counts as ln(1 + x / resolution) / ln(1 + 1 m / resolution).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Reward {
+    /// Weight of the tip vibration, 1/s: the amplitude of tip deflection and deflection rate times
+    /// `vibration_time`.
+    pub tip_vibration: f64,
+    /// Weight of the slew error, 1/s: at the tip, slew error plus its rate times `slew_time`.
+    pub slew_error: f64,
+    /// Weight of the effort, 1/s: mean of the squared torque fractions.
+    pub effort: f64,
+    /// Error below which less counts for little, m.
+    pub resolution: f64,
+    /// Time by which the deflection rate is weighed, s: one over the angular frequency of the
+    /// vibration, about 4 Hz.
+    pub vibration_time: f64,
+    /// Time by which the slew error rate is weighed, s.
+    pub slew_time: f64,
+}
+
+impl Default for Reward {
+    fn default() -> Self {
+        Self {
+            tip_vibration: 0.5,
+            slew_error: 1.0,
+            effort: 0.01,
+            resolution: 1e-4,
+            vibration_time: 0.04,
+            slew_time: 2.5,
+        }
+    }
+}
+
+/// Limits of the structure, beyond which an episode is terminated.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Slew error, rad.
+    pub slew_error: f64,
+    /// Tip deflection, m.
+    pub tip_deflection: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            slew_error: 1.5,
+            tip_deflection: 1.0,
+        }
+    }
+}
+
+/// What the agent does, sees and is paid for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Task {
+    /// Time between two actions, s: a whole number of sample periods.
+    pub control_period: f64,
+    /// What the action drives, in order.
+    pub actuators: Vec<Actuator>,
+    /// Law that runs at the sample period below the agent's torques, which are added before
+    /// saturation; null is none.
+    pub inner_law: Option<Law>,
+    /// Largest change of an action per second (an action spans -1 to 1); null is unlimited.
+    pub action_rate_limit: Option<f64>,
+    /// Which payload is observed.
+    pub observe_payload: ObservePayload,
+    /// Number of observations stacked, the newest last.
+    pub observation_history: usize,
+    /// Times ahead at which the reference acceleration and the extension are shown, s.
+    pub preview_times: Vec<f64>,
+    /// Reward.
+    pub reward: Reward,
+    /// End of an episode.
+    pub limits: Limits,
+}
+
+impl Default for Task {
+    fn default() -> Self {
+        Self {
+            control_period: 0.01,
+            actuators: vec![Actuator::RootWheel, Actuator::TipWheel],
+            inner_law: None,
+            action_rate_limit: None,
+            observe_payload: ObservePayload::Reported,
+            observation_history: 1,
+            preview_times: vec![0.1, 0.25, 0.5, 1.0, 2.0],
+            reward: Reward::default(),
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// Everything that defines an environment. The default is `drm_env/Slew-v0`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnvConfig {
+    /// The manoeuvre, as far as it is not drawn.
+    pub scenario: Scenario,
+    /// What is drawn for each episode.
+    pub randomize: Randomize,
+    /// What the agent does, sees and is paid for.
+    pub task: Task,
+}
+
+impl Default for EnvConfig {
+    fn default() -> Self {
+        let mut config = Self::fixed();
+        config.randomize.payload_mass =
+            Some(crate::distribution::Distribution::Uniform([50.0, 500.0]));
+        config.randomize.mass_error =
+            Some(crate::distribution::Distribution::Uniform([-0.15, 0.15]));
+        config
+    }
+}
+
+/// Names of the presets, one a registered environment.
+pub const PRESETS: [&str; 4] = ["slew", "slew_residual", "slew_thesis", "slew_direct"];
+
+/// Options that are not scenario parameters: flat name, path, unit, what it is.
+pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
+    ("plant", "scenario.plant", "-", "Equations of motion."),
+    (
+        "axial_load",
+        "scenario.dynamics.axial_load",
+        "-",
+        "Stiffening by the axial load.",
+    ),
+    (
+        "particle_following",
+        "scenario.dynamics.particle_following",
+        "-",
+        "Follow the moving particles of link 2.",
+    ),
+    (
+        "tip_torque",
+        "scenario.dynamics.tip_torque",
+        "-",
+        "What the tip torque works on: slew_and_tip or tip_only.",
+    ),
+    (
+        "integrator_step",
+        "scenario.integrator_step",
+        "s",
+        "Longest integration step.",
+    ),
+    (
+        "sample_period",
+        "scenario.sample_period",
+        "s",
+        "Period of laws, sensors and metrics.",
+    ),
+    (
+        "horizon",
+        "scenario.horizon",
+        "s",
+        "Duration of an episode.",
+    ),
+    (
+        "motor_constants",
+        "scenario.slew_motor.constants",
+        "-",
+        "Motor model: fitted or printed constants.",
+    ),
+    (
+        "slew_motor_torque_limit",
+        "scenario.slew_motor.torque_limit",
+        "N m",
+        "Torque limit of the slew motor as an actuator.",
+    ),
+    (
+        "control_period",
+        "task.control_period",
+        "s",
+        "Time between two actions.",
+    ),
+    (
+        "actuators",
+        "task.actuators",
+        "-",
+        "What the action drives.",
+    ),
+    (
+        "inner_law",
+        "task.inner_law",
+        "-",
+        "Law below the agent's torques.",
+    ),
+    (
+        "action_rate_limit",
+        "task.action_rate_limit",
+        "1/s",
+        "Largest change of an action.",
+    ),
+    (
+        "observe_payload",
+        "task.observe_payload",
+        "-",
+        "reported, true or hidden.",
+    ),
+    (
+        "observation_history",
+        "task.observation_history",
+        "-",
+        "Observations stacked.",
+    ),
+    (
+        "preview_times",
+        "task.preview_times",
+        "s",
+        "Times ahead that are shown.",
+    ),
+    (
+        "reward",
+        "task.reward",
+        "-",
+        "Weights and scales of the reward.",
+    ),
+    (
+        "limits",
+        "task.limits",
+        "-",
+        "Limits that terminate an episode.",
+    ),
+    ("scenario", "scenario", "-", "Parts of the scenario."),
+    (
+        "randomize",
+        "randomize",
+        "-",
+        "Distributions by flat parameter name.",
+    ),
+    ("task", "task", "-", "Parts of the task."),
+];
+
+impl EnvConfig {
+    fn fixed() -> Self {
+        Self {
+            scenario: Scenario::default(),
+            randomize: Randomize::default(),
+            task: Task::default(),
+        }
+    }
+
+    /// The defaults of a registered environment.
+    pub fn preset(name: &str) -> Result<Self, ConfigError> {
+        let mut config = Self::default();
+        match name {
+            "slew" => {}
+            "slew_residual" => {
+                config.task.control_period = 0.02;
+                config.task.inner_law = Some(Law::named("linear")?);
+            }
+            "slew_thesis" => {
+                config = Self::fixed();
+                config.task.control_period = 0.002;
+            }
+            "slew_direct" => config.task.actuators.push(Actuator::SlewMotor),
+            other => {
+                return Err(ConfigError::value(
+                    "task",
+                    format!("must be one of {}", PRESETS.join(", ")),
+                    other,
+                ));
+            }
+        }
+        Ok(config)
+    }
+
+    /// A preset, overlaid with parts of a configuration and then with flat options; validated.
+    ///
+    /// # Errors
+    /// Malformed text, unknown names, values of the wrong type or out of range; each with its path.
+    pub fn resolve(
+        preset: &str,
+        config: Option<&str>,
+        options: Option<&str>,
+    ) -> Result<Self, ConfigError> {
+        let base = Self::preset(preset)?;
+        let mut document =
+            serde_json::to_value(&base).map_err(|e| ConfigError::form("configuration", e))?;
+        if let Some(text) = config {
+            overlay(&mut document, object("config", text)?);
+        }
+        if let Some(text) = options {
+            for (name, value) in object("options", text)? {
+                apply_option(&mut document, &name, value)?;
+            }
+        }
+        Self::from_value(document)
+    }
+
+    /// A whole configuration from JSON text; parts left out have the defaults of [`EnvConfig`].
+    pub fn from_json(text: &str) -> Result<Self, ConfigError> {
+        Self::resolve(PRESETS[0], Some(text), None)
+    }
+
+    fn from_value(mut document: Value) -> Result<Self, ConfigError> {
+        if let Some(law) = document.pointer_mut("/task/inner_law") {
+            name_law(law);
+        }
+        let config: Self = typed(document)?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// JSON text with every field.
+    pub fn to_json(&self) -> String {
+        // a struct of numbers, strings and lists always serialises
+        serde_json::to_string(self).unwrap_or_default()
+    }
+
+    /// Refuses what cannot be flown, drawn parameters at the ends of their ranges included.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        self.task.validate(&self.scenario)?;
+        let drawn = self.randomize.distributions();
+        let mut base = self.scenario;
+        for (parameter, distribution) in PARAMETERS.iter().zip(&drawn) {
+            let Some(distribution) = distribution else {
+                continue;
+            };
+            let path = format!("randomize.{}", parameter.name);
+            distribution.validate().map_err(|e| e.within(&path))?;
+            if let Some(first) = distribution.extremes().first() {
+                parameter.set(&mut base, first)?;
+            }
+        }
+        base.validate()?;
+        for (parameter, distribution) in PARAMETERS.iter().zip(&drawn) {
+            for extreme in distribution.iter().flat_map(|d| d.extremes()) {
+                let mut scenario = base;
+                parameter.set(&mut scenario, &extreme)?;
+                scenario.validate()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the scenario of one episode; overrides replace what was drawn without moving the
+    /// other draws.
+    pub fn draw(
+        &self,
+        stream: &mut Stream,
+        overrides: &[&Overrides],
+    ) -> Result<Scenario, ConfigError> {
+        let mut scenario = self.scenario;
+        let drawn = self.randomize.distributions();
+        for (parameter, distribution) in PARAMETERS.iter().zip(drawn) {
+            if let Some(distribution) = distribution {
+                parameter.set(&mut scenario, &distribution.draw(stream))?;
+            }
+        }
+        for (index, setting) in overrides.iter().flat_map(|list| list.iter()) {
+            PARAMETERS[*index].set(&mut scenario, setting)?;
+        }
+        scenario.validate()?;
+        Ok(scenario)
+    }
+
+    /// Samples in a control period.
+    pub fn samples_per_action(&self) -> usize {
+        (libm::round(self.task.control_period / self.scenario.sample_period) as usize).max(1)
+    }
+
+    /// Actions in an episode.
+    pub fn actions_per_episode(&self) -> usize {
+        self.scenario.samples().div_ceil(self.samples_per_action())
+    }
+
+    /// The JSON schema of a configuration.
+    pub fn schema() -> Value {
+        schemars::schema_for!(Self).to_value()
+    }
+}
+
+impl Task {
+    fn validate(&self, scenario: &Scenario) -> Result<(), ConfigError> {
+        positive("control_period", self.control_period)?;
+        positive("sample_period", scenario.sample_period)?;
+        let ratio = self.control_period / scenario.sample_period;
+        if ratio < 0.5 || (ratio - libm::round(ratio)).abs() > 1e-6 * ratio {
+            return Err(ConfigError::value(
+                "control_period",
+                format!(
+                    "must be a whole number of sample periods of {} s",
+                    scenario.sample_period
+                ),
+                self.control_period,
+            ));
+        }
+        if self.control_period > scenario.horizon {
+            return Err(ConfigError::value(
+                "control_period",
+                format!("must not exceed the horizon of {} s", scenario.horizon),
+                self.control_period,
+            ));
+        }
+        let repeated = |a: &Actuator| self.actuators.iter().filter(|b| *b == a).count() > 1;
+        if self.actuators.is_empty() || self.actuators.iter().any(repeated) {
+            return Err(ConfigError::value(
+                "actuators",
+                "must list root_wheel, tip_wheel and slew_motor at most once each and at least \
+                 one of them",
+                json!(self.actuators),
+            ));
+        }
+        if let Some(law) = &self.inner_law {
+            law.validate().map_err(|e| e.within("inner_law"))?;
+        }
+        if let Some(limit) = self.action_rate_limit {
+            positive("action_rate_limit", limit)?;
+        }
+        if !(1..=100).contains(&self.observation_history) {
+            return Err(ConfigError::value(
+                "observation_history",
+                "must be 1 to 100",
+                self.observation_history,
+            ));
+        }
+        for (i, &time) in self.preview_times.iter().enumerate() {
+            non_negative(&format!("preview_times[{i}]"), time)?;
+        }
+        let Reward {
+            tip_vibration,
+            slew_error,
+            effort,
+            resolution,
+            vibration_time,
+            slew_time,
+        } = self.reward;
+        for (name, value) in [
+            ("tip_vibration", tip_vibration),
+            ("slew_error", slew_error),
+            ("effort", effort),
+            ("vibration_time", vibration_time),
+            ("slew_time", slew_time),
+        ] {
+            non_negative(name, value).map_err(|e| e.within("reward"))?;
+        }
+        positive("reward.resolution", resolution)?;
+        positive("limits.slew_error", self.limits.slew_error)?;
+        positive("limits.tip_deflection", self.limits.tip_deflection)
+    }
+}
+
+/// Reads a typed value, naming the path of what does not fit.
+pub(crate) fn typed<T: DeserializeOwned>(document: Value) -> Result<T, ConfigError> {
+    serde_path_to_error::deserialize(document).map_err(|e| {
+        let path = e.path().to_string();
+        ConfigError::form(path, e.into_inner())
+    })
+}
+
+/// A JSON object from text.
+pub(crate) fn object(name: &str, text: &str) -> Result<Map<String, Value>, ConfigError> {
+    serde_json::from_str(text).map_err(|e| ConfigError::form(name, e))
+}
+
+/// `"linear"` stands for `{"name": "linear"}`.
+pub(crate) fn name_law(law: &mut Value) {
+    if let Value::String(name) = law {
+        *law = json!({ "name": name });
+    }
+}
+
+/// Puts the parts given over a document. A law and a distribution are replaced whole.
+fn overlay(document: &mut Value, parts: Map<String, Value>) {
+    let Value::Object(fields) = document else {
+        *document = Value::Object(parts);
+        return;
+    };
+    for (name, part) in parts {
+        match (fields.get_mut(&name), part) {
+            (Some(inner @ Value::Object(_)), Value::Object(part))
+                if name != "inner_law" && !inner.is_null() && !is_distribution(inner) =>
+            {
+                overlay(inner, part);
+            }
+            (_, part) => {
+                fields.insert(name, part);
+            }
+        }
+    }
+}
+
+fn is_distribution(value: &Value) -> bool {
+    value.as_object().is_some_and(|fields| {
+        fields.len() == 1
+            && ["uniform", "log_uniform", "normal", "choices"]
+                .iter()
+                .any(|name| fields.contains_key(*name))
+    })
+}
+
+fn apply_option(document: &mut Value, name: &str, value: Value) -> Result<(), ConfigError> {
+    if let Some(parameter) = PARAMETERS.iter().find(|p| p.name == name) {
+        let fixed = value.is_number() || value.is_string() || value.is_null();
+        // the two ways to state the reported mass exclude each other
+        let rival = match name {
+            "reported_payload_mass" => Some(("mass_error", json!(0.0))),
+            "mass_error" => Some(("reported_payload_mass", Value::Null)),
+            _ => None,
+        };
+        if let Some((rival, off)) = rival.filter(|_| !value.is_null()) {
+            document["randomize"][rival] = Value::Null;
+            let path = PARAMETERS.iter().find(|p| p.name == rival).map(|p| p.path);
+            place(
+                document,
+                &format!("scenario.{}", path.unwrap_or(rival)),
+                off,
+            );
+        }
+        if fixed {
+            document["randomize"][name] = Value::Null;
+            place(document, &format!("scenario.{}", parameter.path), value);
+        } else {
+            document["randomize"][name] = value;
+        }
+        return Ok(());
+    }
+    if let Some((_, path, _, _)) = OPTIONS.iter().find(|(option, ..)| *option == name) {
+        place(document, path, value);
+        return Ok(());
+    }
+    let known: Vec<&str> = PARAMETERS
+        .iter()
+        .map(|p| p.name)
+        .chain(OPTIONS.iter().map(|(option, ..)| *option))
+        .collect();
+    let close = known
+        .iter()
+        .filter(|candidate| candidate.contains(name) || name.contains(**candidate))
+        .copied()
+        .collect::<Vec<_>>();
+    let hint = if close.is_empty() { known } else { close };
+    Err(ConfigError::form(
+        name,
+        format!(
+            "is not an option (given {value}); known are {}",
+            hint.join(", ")
+        ),
+    ))
+}
+
+/// Puts a value at a dotted path; objects are overlaid.
+fn place(document: &mut Value, path: &str, value: Value) {
+    let pointer = format!("/{}", path.replace('.', "/"));
+    let Some(slot) = document.pointer_mut(&pointer) else {
+        return;
+    };
+    match value {
+        Value::Object(parts) if slot.is_object() && path != "task.inner_law" => {
+            overlay(slot, parts);
+        }
+        value => *slot = value,
+    }
+}
+
+/// One scenario from JSON text; parts left out have their defaults.
+///
+/// # Errors
+/// Malformed text, unknown names, values of the wrong type or out of range; each with its path.
+pub fn scenario_from_json(text: &str) -> Result<Scenario, ConfigError> {
+    let scenario: Scenario = typed(Value::Object(object("scenario", text)?))?;
+    scenario.validate()?;
+    Ok(scenario)
+}
+
+/// A law from JSON text: an object, or the bare name in quotes.
+///
+/// # Errors
+/// An unknown name, unknown gains, or gains that are not finite.
+pub fn law_from_json(text: &str) -> Result<Law, ConfigError> {
+    let mut value: Value = serde_json::from_str(text).map_err(|e| ConfigError::form("law", e))?;
+    name_law(&mut value);
+    if let Some(name) = value.get("name").and_then(Value::as_str) {
+        Law::named(name).map_err(|e| e.within("law"))?;
+    }
+    let law: Law = typed(value).map_err(|e| e.within("law"))?;
+    law.validate().map_err(|e| e.within("law"))?;
+    Ok(law)
+}
+
+/// The flat context of a scenario, in the order of [`PARAMETERS`].
+pub fn context(scenario: &Scenario) -> [f64; COUNT] {
+    std::array::from_fn(|i| PARAMETERS[i].value(scenario))
+}

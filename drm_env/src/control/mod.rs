@@ -1,0 +1,165 @@
+//! Control laws: measured outputs and reference in, wheel torques out. They know neither the
+//! environment nor the reward, and the payload only as it is reported.
+
+pub mod linear;
+pub mod lyapunov;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::arm::{Arm, PayloadProperties};
+use crate::error::ConfigError;
+use crate::lane::Lane;
+
+pub use linear::LinearLaw;
+pub use lyapunov::LyapunovLaw;
+
+/// No feedback: the open-loop manoeuvre.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OpenLoop {}
+
+/// A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "name", rename_all = "snake_case")]
+pub enum Law {
+    /// No feedback.
+    None(OpenLoop),
+    /// Rate and position feedback (thesis section 3.7.1).
+    Linear(LinearLaw),
+    /// Feedback from a Lyapunov function (thesis section 3.7.2).
+    Lyapunov(LyapunovLaw),
+}
+
+impl Default for Law {
+    fn default() -> Self {
+        Self::None(OpenLoop {})
+    }
+}
+
+/// Names of the laws, as in [`Law`]'s data form.
+pub const LAW_NAMES: [&str; 3] = ["none", "linear", "lyapunov"];
+
+impl Law {
+    /// The law of this name with the thesis' gains.
+    pub fn named(name: &str) -> Result<Self, ConfigError> {
+        match name {
+            "none" => Ok(Self::default()),
+            "linear" => Ok(Self::Linear(LinearLaw::default())),
+            "lyapunov" => Ok(Self::Lyapunov(LyapunovLaw::default())),
+            other => Err(ConfigError::value(
+                "name",
+                format!("must be one of {}", LAW_NAMES.join(", ")),
+                other,
+            )),
+        }
+    }
+
+    /// The law's name in its data form.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::None(_) => "none",
+            Self::Linear(_) => "linear",
+            Self::Lyapunov(_) => "lyapunov",
+        }
+    }
+
+    /// Refuses gains that are not finite.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        match self {
+            Self::None(_) => Ok(()),
+            Self::Linear(law) => law.validate(),
+            Self::Lyapunov(law) => law.validate(),
+        }
+    }
+
+    /// Wheel torques (N m, before saturation) of one sample, `period` seconds after the last.
+    #[inline(always)]
+    pub fn torques<T: Lane>(
+        &self,
+        measured: &Measurement<T>,
+        known: &KnownInertia<T>,
+        memory: &mut LawMemory<T>,
+        period: f64,
+    ) -> WheelTorques<T> {
+        match self {
+            Self::None(_) => WheelTorques {
+                root: T::splat(0.0),
+                tip: T::splat(0.0),
+            },
+            Self::Linear(law) => law.torques(measured),
+            Self::Lyapunov(law) => law.torques(measured, known, memory, period),
+        }
+    }
+}
+
+/// What a law is told at a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measurement<T> {
+    /// Slew angle minus its reference, rad.
+    pub slew_error: T,
+    /// Slew rate minus its reference, rad/s.
+    pub slew_error_rate: T,
+    /// Deflection of link 2's tip from link 1's end, 2 beta, m.
+    pub link2_deflection: T,
+    /// Its rate, m/s.
+    pub link2_deflection_rate: T,
+    /// Extension of link 2, m.
+    pub extension: T,
+}
+
+/// Torques of the two wheels, N m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WheelTorques<T> {
+    /// At the shoulder.
+    pub root: T,
+    /// At the tip.
+    pub tip: T,
+}
+
+/// What a law keeps from one sample to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LawMemory<T> {
+    /// Slew error rate of the last sample, rad/s.
+    pub slew_error_rate: T,
+    /// Deflection rate of the last sample, m/s.
+    pub link2_deflection_rate: T,
+    /// 1 once a sample has been taken, 0 before.
+    pub started: T,
+}
+
+impl<T: Lane> LawMemory<T> {
+    /// Before the first sample.
+    pub fn fresh() -> Self {
+        Self {
+            slew_error_rate: T::splat(0.0),
+            link2_deflection_rate: T::splat(0.0),
+            started: T::splat(0.0),
+        }
+    }
+}
+
+/// Inertia of link 2 and the *reported* payload as the Lyapunov law uses it (constant in an episode).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownInertia<T> {
+    pub(crate) l1: T,
+    pub(crate) rho2: T,
+    pub(crate) mass: T,
+    pub(crate) inertia_attachment: T,
+}
+
+impl KnownInertia<f64> {
+    /// From the arm and the reported payload.
+    pub fn new(arm: &Arm, reported: &PayloadProperties) -> Self {
+        Self {
+            l1: arm.link1.length,
+            rho2: arm.link2.mass_per_length,
+            mass: reported.mass,
+            inertia_attachment: reported.inertia_attachment,
+        }
+    }
+}
+
+pub(crate) fn finite_gain(path: &str, value: f64) -> Result<(), ConfigError> {
+    crate::arm::finite(path, value)
+}

@@ -1,0 +1,55 @@
+//! Dynamics, control laws and batched environments of the Deployable Robotic Manipulator: a slewing
+//! link with a second link that slides out of it, both flexible, a payload at the tip, and two small
+//! reaction wheels.
+//!
+//! **Frame and signs.** Everything moves in the plane. `theta` is the slew angle at the shoulder,
+//! counter-clockwise positive; deflections are measured from the rotating axis, positive the same
+//! way round. Torques act on the arm.
+//!
+//! **State.** q = (theta, alpha, beta): slew angle (rad) and the modal coordinates of link 1 and
+//! link 2, each half the deflection of its link's tip (m); the tip of the arm is deflected by
+//! 2 (alpha + beta). The length of link 2 outside link 1 is prescribed.
+//!
+//! **Units.** SI and radians throughout.
+//!
+//! # Map
+//! [`arm`], [`plant`], [`modal`], [`model`]: the mechanics. [`profile`], [`deployment`],
+//! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`lane`],
+//! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
+//! [`scenario`], [`distribution`], [`parameter`], [`config`]: manoeuvres and environments as data.
+//! [`flight`], [`metrics`], [`task`], [`env`], [`batch`], [`rollout`]: what flies them.
+//! [`render`], [`scene`]: pictures.
+
+pub mod actuator;
+pub mod arm;
+pub mod batch;
+pub mod config;
+pub mod control;
+pub mod deployment;
+pub mod distribution;
+pub mod env;
+pub mod error;
+pub mod flight;
+pub mod integrator;
+pub mod lane;
+pub mod metrics;
+pub mod modal;
+pub mod model;
+pub mod motor;
+pub mod parameter;
+pub mod plant;
+pub mod profile;
+pub mod quadrature;
+pub mod render;
+pub mod rng;
+pub mod rollout;
+pub mod scenario;
+pub mod scene;
+pub mod task;
+pub mod timeline;
+
+pub use config::EnvConfig;
+pub use env::Env;
+pub use error::{ConfigError, Error, SimulationError, SnapshotError};
+pub use model::Model;
+pub use scenario::Scenario;

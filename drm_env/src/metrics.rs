@@ -1,0 +1,227 @@
+//! Metrics of an episode, computed from its states and never by a policy.
+
+use serde::{Deserialize, Serialize};
+
+/// Tip deflection within which the arm counts as settled, m.
+pub const SETTLED_DEFLECTION: f64 = 1e-3;
+/// Slew error at the tip within which the arm counts as settled, m.
+pub const SETTLED_SLEW_ERROR: f64 = 1e-2;
+
+/// Names of the metrics, in the order of [`Metrics::values`].
+pub const METRIC_NAMES: [&str; 17] = [
+    "tip_error_rms",
+    "peak_deflection",
+    "peak_slew_angle",
+    "residual_rms",
+    "residual_peak",
+    "settling_time",
+    "settled",
+    "final_slew_error",
+    "overshoot",
+    "wheel_effort",
+    "saturation",
+    "slew_energy",
+    "residual_energy",
+    "slew_end_time",
+    "duration",
+    "diverged",
+    "episode_return",
+];
+
+/// Metrics of one episode; SI units, angles in radians.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Metrics {
+    /// RMS over the episode of the tip's error r e + y, m.
+    pub tip_error_rms: f64,
+    /// Largest |y|, m.
+    pub peak_deflection: f64,
+    /// Largest slew angle in the direction of the slew, rad.
+    pub peak_slew_angle: f64,
+    /// RMS of y from the end of the slew on, m; NaN if the episode ended before.
+    pub residual_rms: f64,
+    /// Largest |y| from the end of the slew on, m; NaN if the episode ended before.
+    pub residual_peak: f64,
+    /// Time from the end of the slew until |y| <= 1 mm and |r e| <= 10 mm hold to the end of the
+    /// episode, s; NaN where that is never (censored).
+    pub settling_time: f64,
+    /// Whether the settling time exists.
+    pub settled: bool,
+    /// Slew error at the end, rad.
+    pub final_slew_error: f64,
+    /// Largest slew angle beyond the final reference, rad; 0 if it is not passed.
+    pub overshoot: f64,
+    /// Integral of the squared torque fractions of both wheels, s.
+    pub wheel_effort: f64,
+    /// Fraction of the time in which a wheel is at its limit.
+    pub saturation: f64,
+    /// Electrical energy of the slew motor, J.
+    pub slew_energy: f64,
+    /// Kinetic and potential energy at the end, J.
+    pub residual_energy: f64,
+    /// End of the slew profile, s.
+    pub slew_end_time: f64,
+    /// Time flown, s.
+    pub duration: f64,
+    /// Whether the episode ended by divergence or at a limit of the structure.
+    pub diverged: bool,
+    /// Sum of the rewards; 0 where none are paid.
+    pub episode_return: f64,
+}
+
+impl Metrics {
+    /// Values in the order of [`METRIC_NAMES`], flags as 0 or 1.
+    pub fn values(&self) -> [f64; METRIC_NAMES.len()] {
+        let flag = |value: bool| if value { 1.0 } else { 0.0 };
+        [
+            self.tip_error_rms,
+            self.peak_deflection,
+            self.peak_slew_angle,
+            self.residual_rms,
+            self.residual_peak,
+            self.settling_time,
+            flag(self.settled),
+            self.final_slew_error,
+            self.overshoot,
+            self.wheel_effort,
+            self.saturation,
+            self.slew_energy,
+            self.residual_energy,
+            self.slew_end_time,
+            self.duration,
+            flag(self.diverged),
+            self.episode_return,
+        ]
+    }
+}
+
+/// One sample as the accumulator takes it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Slew angle, rad.
+    pub slew_angle: f64,
+    /// Slew angle minus reference, rad.
+    pub slew_error: f64,
+    /// Reach r = L1 + a, m.
+    pub reach: f64,
+    /// Tip deflection y, m.
+    pub deflection: f64,
+    /// Whether the slew profile has ended.
+    pub after_slew: bool,
+    /// Squared torque fractions of both wheels over the sample before.
+    pub effort: f64,
+    /// Whether a wheel was at its limit over the sample before.
+    pub saturated: bool,
+    /// Electrical power of the slew motor, W.
+    pub power: f64,
+}
+
+/// Running sums from which [`Metrics`] are made; its samples are one sample period apart.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Accumulator {
+    samples: u64,
+    squared_tip_error: f64,
+    peak_deflection: f64,
+    peak_slew_angle: f64,
+    residual_samples: u64,
+    squared_residual: f64,
+    residual_peak: f64,
+    /// Samples after the slew up to and including the last unsettled one.
+    unsettled_until: u64,
+    effort: f64,
+    saturated: u64,
+    power: f64,
+    last_slew_error: f64,
+}
+
+impl Accumulator {
+    /// Before the first sample; `slew_angle` is the angle at t = 0 in the direction of the slew.
+    pub fn new(slew_angle: f64, deflection: f64) -> Self {
+        Self {
+            peak_slew_angle: slew_angle,
+            peak_deflection: deflection.abs(),
+            ..Self::default()
+        }
+    }
+
+    /// Takes one sample; `direction` is the sign of the slew.
+    pub fn take(&mut self, sample: &Sample, direction: f64) {
+        let slew_at_tip = sample.reach * sample.slew_error;
+        let tip_error = slew_at_tip + sample.deflection;
+        let deflection = sample.deflection.abs();
+        self.samples += 1;
+        self.squared_tip_error += tip_error * tip_error;
+        self.peak_deflection = self.peak_deflection.max(deflection);
+        self.peak_slew_angle = self.peak_slew_angle.max(direction * sample.slew_angle);
+        if sample.after_slew {
+            self.residual_samples += 1;
+            self.squared_residual += sample.deflection * sample.deflection;
+            self.residual_peak = self.residual_peak.max(deflection);
+            if deflection > SETTLED_DEFLECTION || slew_at_tip.abs() > SETTLED_SLEW_ERROR {
+                self.unsettled_until = self.residual_samples;
+            }
+        }
+        self.effort += sample.effort;
+        self.saturated += u64::from(sample.saturated);
+        self.power += sample.power;
+        self.last_slew_error = sample.slew_error;
+    }
+
+    /// Metrics so far. `final_angle` is the slew's target in its own direction, rad;
+    /// `residual_energy` the energy now, J.
+    pub fn metrics(
+        &self,
+        period: f64,
+        slew_end_time: f64,
+        final_angle: f64,
+        residual_energy: f64,
+        diverged: bool,
+        episode_return: f64,
+    ) -> Metrics {
+        let count = self.samples as f64;
+        let residuals = self.residual_samples as f64;
+        let settled =
+            !diverged && self.residual_samples > 0 && self.unsettled_until < self.residual_samples;
+        let root = |sum: f64, n: f64| {
+            if n > 0.0 {
+                libm::sqrt(sum / n)
+            } else {
+                f64::NAN
+            }
+        };
+        let duration = count * period;
+        // the first sample after the slew lies up to one period behind its end
+        let first = duration - (residuals - 1.0) * period;
+        let settling_time = match (settled, self.unsettled_until) {
+            (false, _) => f64::NAN,
+            (true, 0) => 0.0,
+            (true, last) => first + last as f64 * period - slew_end_time,
+        };
+        Metrics {
+            tip_error_rms: root(self.squared_tip_error, count),
+            peak_deflection: self.peak_deflection,
+            peak_slew_angle: self.peak_slew_angle,
+            residual_rms: root(self.squared_residual, residuals),
+            residual_peak: if self.residual_samples > 0 {
+                self.residual_peak
+            } else {
+                f64::NAN
+            },
+            settling_time,
+            settled,
+            final_slew_error: self.last_slew_error,
+            overshoot: (self.peak_slew_angle - final_angle).max(0.0),
+            wheel_effort: self.effort * period,
+            saturation: if self.samples > 0 {
+                self.saturated as f64 / count
+            } else {
+                0.0
+            },
+            slew_energy: self.power * period,
+            residual_energy,
+            slew_end_time,
+            duration,
+            diverged,
+            episode_return,
+        }
+    }
+}

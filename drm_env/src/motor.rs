@@ -1,0 +1,60 @@
+//! The slew motor's current, electrical power and energy (thesis section 3.5).
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which drag and inertia constants the motor model uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MotorConstants {
+    /// Inertia and drag fitted to the published energies 185.5 J and 85.9 J.
+    #[default]
+    Fitted,
+    /// As printed: inertia 2.67e-4 kg m^2, drag 2 % of kb kt / Ra. Gives 139.5 J and 67.6 J.
+    Printed,
+}
+
+/// Gear ratio Ng.
+pub const GEAR_RATIO: f64 = 1845.0;
+/// Armature resistance Ra, Ohm.
+pub const ARMATURE_RESISTANCE: f64 = 5.16;
+/// Torque constant kt, N m/A.
+#[allow(clippy::approx_constant)] // a printed value that only looks like 1/pi
+pub const TORQUE_CONSTANT: f64 = 0.318;
+/// Back-EMF constant kb, V s/rad.
+#[allow(clippy::approx_constant)] // equal to the torque constant in SI
+pub const BACK_EMF_CONSTANT: f64 = 0.318;
+
+impl MotorConstants {
+    /// Rotor inertia Im, kg m^2.
+    pub fn rotor_inertia(self) -> f64 {
+        match self {
+            // ten times the printed value reproduces both published energies
+            Self::Fitted => 2.67e-3,
+            Self::Printed => 2.67e-4,
+        }
+    }
+
+    /// Viscous drag cv on the rotor, N m s.
+    pub fn drag(self) -> f64 {
+        match self {
+            Self::Fitted => 1.65e-4,
+            Self::Printed => 0.02 * BACK_EMF_CONSTANT * TORQUE_CONSTANT / ARMATURE_RESISTANCE,
+        }
+    }
+
+    /// Current, A, at a slew torque (N m) with the *reference* rate (rad/s) and acceleration
+    /// (rad/s^2) of the arm: with the simulated ones the rotor inertia amplifies the vibration.
+    pub fn current(self, slew_torque: f64, rate: f64, accel: f64) -> f64 {
+        (slew_torque / GEAR_RATIO
+            + self.drag() * GEAR_RATIO * rate
+            + self.rotor_inertia() * GEAR_RATIO * accel)
+            / TORQUE_CONSTANT
+    }
+
+    /// Electrical power Ra i^2, W.
+    pub fn power(self, slew_torque: f64, rate: f64, accel: f64) -> f64 {
+        let current = self.current(slew_torque, rate, accel);
+        ARMATURE_RESISTANCE * current * current
+    }
+}

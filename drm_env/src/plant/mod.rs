@@ -1,0 +1,155 @@
+//! Equations of motion of the deploying arm. Not torque limits, randomness or reward.
+
+pub mod energy;
+pub mod thesis;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::arm::{Arm, PayloadProperties, non_negative};
+use crate::error::ConfigError;
+use crate::lane::Lane;
+
+/// Which equations of motion are integrated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PlantModel {
+    /// The thesis' three degrees of freedom in closed form (appendix C).
+    #[default]
+    Thesis,
+}
+
+/// Which coordinates the tip wheel's torque does work on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TipTorque {
+    /// Virtual work of a torque on the tip: the slew angle and link 2's tip slope.
+    #[default]
+    SlewAndTip,
+    /// Link 2's coordinate alone.
+    TipOnly,
+}
+
+/// Switches and additions of the equations of motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Dynamics {
+    /// Stiffening by the axial load (thesis section 2.4).
+    pub axial_load: bool,
+    /// Follow the moving particles of link 2, with the full Coriolis load of the payload
+    /// (not in the thesis).
+    pub particle_following: bool,
+    /// Generalised force of the tip wheel.
+    pub tip_torque: TipTorque,
+    /// Kelvin-Voigt time constant of the links' bending, s: a mode of angular frequency w gets the
+    /// damping ratio w/2 times this. The thesis has none.
+    pub structural_damping: f64,
+}
+
+impl Default for Dynamics {
+    fn default() -> Self {
+        Self {
+            axial_load: true,
+            particle_following: false,
+            tip_torque: TipTorque::SlewAndTip,
+            structural_damping: 0.0,
+        }
+    }
+}
+
+impl Dynamics {
+    /// Refuses a negative damping.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        non_negative("structural_damping", self.structural_damping)
+    }
+}
+
+/// Extension of link 2 with its derivatives at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Extension<T> {
+    /// Length outside link 1, a, m.
+    pub length: T,
+    /// da/dt, m/s.
+    pub rate: T,
+    /// d2a/dt2, m/s^2.
+    pub accel: T,
+}
+
+/// External torques at one instant, N m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Torques<T> {
+    /// Slew motor.
+    pub slew: T,
+    /// Root reaction wheel.
+    pub root: T,
+    /// Tip reaction wheel.
+    pub tip: T,
+}
+
+/// Rigid moment of inertia about the shoulder as a polynomial of the extension a:
+/// I(a) = c0 + c1 a + c2 a^2, kg m^2 (exact: the cubes of the two ends of link 2 cancel).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigidInertia<T> {
+    coefficients: [T; 3],
+}
+
+impl RigidInertia<f64> {
+    /// From the arm and a payload, true or reported.
+    pub fn new(arm: &Arm, payload: &PayloadProperties) -> Self {
+        let (l1, l2) = (arm.link1.length, arm.link2.length);
+        let (rho1, rho2) = (arm.link1.mass_per_length, arm.link2.mass_per_length);
+        let (mp, lp) = (payload.mass, payload.length);
+        // ((l1 + a)^3 - (l1 + a - l2)^3) / 3 = l2 (r^2 - r l2 + l2^2 / 3), r = l1 + a
+        let link2 = [
+            l2 * (l1 * l1 - l1 * l2 + l2 * l2 / 3.0),
+            l2 * (2.0 * l1 - l2),
+            l2,
+        ];
+        Self {
+            coefficients: [
+                rho1 * l1 * l1 * l1 / 3.0
+                    + rho2 * link2[0]
+                    + mp * l1 * (l1 + lp)
+                    + payload.inertia_attachment,
+                rho2 * link2[1] + mp * (2.0 * l1 + lp),
+                rho2 * link2[2] + mp,
+            ],
+        }
+    }
+}
+
+impl<T: Lane> RigidInertia<T> {
+    /// From coefficients of one environment a lane.
+    pub fn gather(lanes: &[RigidInertia<f64>]) -> Self {
+        Self {
+            coefficients: std::array::from_fn(|power| {
+                let mut value = T::splat(0.0);
+                for (i, lane) in lanes.iter().enumerate() {
+                    value.set_lane(i, lane.coefficients[power]);
+                }
+                value
+            }),
+        }
+    }
+
+    /// I(a), kg m^2.
+    #[inline(always)]
+    pub fn at(&self, a: T) -> T {
+        let [c0, c1, c2] = self.coefficients;
+        c0 + a * (c1 + a * c2)
+    }
+
+    /// dI/da, kg m.
+    #[inline(always)]
+    pub fn slope(&self, a: T) -> T {
+        let [_, c1, c2] = self.coefficients;
+        c1 + a * c2 * 2.0
+    }
+
+    /// Rigid inverse dynamics S = I th'' + (dI/da) a' th' (thesis equation 3.2.1), N m.
+    #[inline(always)]
+    pub fn slew_torque(&self, extension: &Extension<T>, rate: T, accel: T) -> T {
+        let a = extension.length;
+        self.at(a) * accel + self.slope(a) * extension.rate * rate
+    }
+}

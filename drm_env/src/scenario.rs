@@ -1,0 +1,342 @@
+//! One manoeuvre as data: arm, payload true and reported, slew, deployment, wheels, sensors, plant.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::actuator::{RootWheel, TipWheel};
+use crate::arm::{Arm, Payload, PayloadProperties, finite, non_negative, positive};
+use crate::deployment::Deployment;
+use crate::error::ConfigError;
+use crate::modal::fastest_frequency;
+use crate::motor::MotorConstants;
+use crate::plant::{Dynamics, PlantModel};
+use crate::profile::Slew;
+
+/// The payload as laws and open loop are told; null entries are as the true payload's.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReportedPayload {
+    /// Mass, kg; null is the true mass times (1 + `mass_error`).
+    pub mass: Option<f64>,
+    /// Length along the arm, m.
+    pub length: Option<f64>,
+    /// Width across the arm, m.
+    pub width: Option<f64>,
+}
+
+/// State at t = 0, besides the length.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Initial {
+    /// Slew angle, rad (the reference starts at 0).
+    pub slew_angle: f64,
+    /// Slew rate, rad/s.
+    pub slew_rate: f64,
+    /// Modal coordinate of link 1, half its tip deflection, m.
+    pub alpha: f64,
+    /// Its rate, m/s.
+    pub alpha_rate: f64,
+    /// Modal coordinate of link 2, half its tip deflection, m.
+    pub beta: f64,
+    /// Its rate, m/s.
+    pub beta_rate: f64,
+}
+
+/// The slew motor.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SlewMotor {
+    /// Drag and inertia of the motor model.
+    pub constants: MotorConstants,
+    /// Largest torque at the shoulder, N m, when an agent drives the motor; the open-loop law is
+    /// not limited.
+    pub torque_limit: f64,
+}
+
+impl Default for SlewMotor {
+    /// 5,000 N m: Payload 3 needs about 3,600.
+    fn default() -> Self {
+        Self {
+            constants: MotorConstants::Fitted,
+            torque_limit: 5000.0,
+        }
+    }
+}
+
+/// Errors of the four measured outputs; all zero is exact.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sensors {
+    /// Standard deviation of the slew angle's noise, rad.
+    pub angle_noise: f64,
+    /// Standard deviation of the slew rate's noise, rad/s.
+    pub rate_noise: f64,
+    /// Standard deviation of the link-2 tip deflection's noise, m.
+    pub deflection_noise: f64,
+    /// Standard deviation of the link-2 tip deflection rate's noise, m/s.
+    pub deflection_rate_noise: f64,
+    /// Quantum of the slew angle, rad; 0 is none.
+    pub angle_resolution: f64,
+    /// Quantum of the slew rate, rad/s; 0 is none.
+    pub rate_resolution: f64,
+    /// Quantum of the link-2 tip deflection, m; 0 is none.
+    pub deflection_resolution: f64,
+    /// Quantum of the link-2 tip deflection rate, m/s; 0 is none.
+    pub deflection_rate_resolution: f64,
+    /// Delay of all four, s, rounded to whole samples.
+    pub delay: f64,
+}
+
+impl Sensors {
+    /// Standard deviations in the order of the measured outputs.
+    pub fn noise(&self) -> [f64; 4] {
+        [
+            self.angle_noise,
+            self.rate_noise,
+            self.deflection_noise,
+            self.deflection_rate_noise,
+        ]
+    }
+
+    /// Quanta in the order of the measured outputs.
+    pub fn resolution(&self) -> [f64; 4] {
+        [
+            self.angle_resolution,
+            self.rate_resolution,
+            self.deflection_resolution,
+            self.deflection_rate_resolution,
+        ]
+    }
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        let names = ["angle", "rate", "deflection", "deflection_rate"];
+        for (i, name) in names.iter().enumerate() {
+            non_negative(&format!("{name}_noise"), self.noise()[i])?;
+            non_negative(&format!("{name}_resolution"), self.resolution()[i])?;
+        }
+        non_negative("delay", self.delay)
+    }
+}
+
+/// One manoeuvre. Any part left out has its default: Payload 1 known exactly, 50 deg in minimum
+/// time while the arm deploys from 1 m to 8 m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scenario {
+    /// The two links.
+    pub arm: Arm,
+    /// The payload as it is.
+    pub payload: Payload,
+    /// The payload as it is reported.
+    pub reported_payload: ReportedPayload,
+    /// Relative error of the reported mass: 0.15 reports 15 % too much.
+    pub mass_error: f64,
+    /// The open-loop slew.
+    pub slew: Slew,
+    /// The change of length.
+    pub deployment: Deployment,
+    /// State at the beginning.
+    pub initial: Initial,
+    /// Reaction wheel at the shoulder.
+    pub root_wheel: RootWheel,
+    /// Reaction wheel at the tip.
+    pub tip_wheel: TipWheel,
+    /// Slew motor.
+    pub slew_motor: SlewMotor,
+    /// Measured outputs.
+    pub sensors: Sensors,
+    /// Equations of motion.
+    pub plant: PlantModel,
+    /// Switches of the equations of motion.
+    pub dynamics: Dynamics,
+    /// Longest integration step, s.
+    pub integrator_step: f64,
+    /// Period at which laws, sensors, wheels and metrics are sampled, s.
+    pub sample_period: f64,
+    /// Duration, s.
+    pub horizon: f64,
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Self {
+            arm: Arm::default(),
+            payload: Payload::default(),
+            reported_payload: ReportedPayload::default(),
+            mass_error: 0.0,
+            slew: Slew::default(),
+            deployment: Deployment::default(),
+            initial: Initial::default(),
+            root_wheel: RootWheel::default(),
+            tip_wheel: TipWheel::default(),
+            slew_motor: SlewMotor::default(),
+            sensors: Sensors::default(),
+            plant: PlantModel::default(),
+            dynamics: Dynamics::default(),
+            // thesis section 4.1: Runge-Kutta at 0.5 ms, control at 2 ms
+            integrator_step: 5e-4,
+            sample_period: 2e-3,
+            horizon: 20.0,
+        }
+    }
+}
+
+/// Longest run of samples that dead times and delays may cover.
+const LONGEST_DELAY_SAMPLES: f64 = 1000.0;
+
+impl Scenario {
+    /// The payload as it is, with every dimension known.
+    pub fn true_payload(&self) -> Result<PayloadProperties, ConfigError> {
+        PayloadProperties::resolve(&self.payload).map_err(|e| e.within("payload"))
+    }
+
+    /// The payload as it is reported, with every dimension known.
+    pub fn reported(&self) -> Result<PayloadProperties, ConfigError> {
+        let truth = self.true_payload()?;
+        let mass = match self.reported_payload.mass {
+            Some(mass) => {
+                non_negative("reported_payload.mass", mass)?;
+                mass
+            }
+            None => truth.mass * (1.0 + self.mass_error),
+        };
+        let length = self.reported_payload.length.unwrap_or(truth.length);
+        let width = self.reported_payload.width.unwrap_or(truth.width);
+        non_negative("reported_payload.length", length)?;
+        non_negative("reported_payload.width", width)?;
+        Ok(PayloadProperties::new(
+            mass,
+            length,
+            width,
+            self.payload.inertia,
+        ))
+    }
+
+    /// Refuses anything that cannot be flown, naming field and value.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        self.arm.validate().map_err(|e| e.within("arm"))?;
+        let payload = self.true_payload()?;
+        finite("mass_error", self.mass_error)?;
+        if self.mass_error < -1.0 {
+            return Err(ConfigError::value(
+                "mass_error",
+                "must be at least -1",
+                self.mass_error,
+            ));
+        }
+        if self.reported_payload.mass.is_some() && self.mass_error != 0.0 {
+            return Err(ConfigError::value(
+                "mass_error",
+                "must be 0 when reported_payload.mass is given",
+                self.mass_error,
+            ));
+        }
+        self.reported()?;
+        self.slew.validate().map_err(|e| e.within("slew"))?;
+        self.deployment
+            .validate(&self.arm, self.slew.final_time())
+            .map_err(|e| e.within("deployment"))?;
+        let Initial {
+            slew_angle,
+            slew_rate,
+            alpha,
+            alpha_rate,
+            beta,
+            beta_rate,
+        } = self.initial;
+        for (name, value) in [
+            ("slew_angle", slew_angle),
+            ("slew_rate", slew_rate),
+            ("alpha", alpha),
+            ("alpha_rate", alpha_rate),
+            ("beta", beta),
+            ("beta_rate", beta_rate),
+        ] {
+            finite(name, value).map_err(|e| e.within("initial"))?;
+        }
+        let (root, tip) = (&self.root_wheel, &self.tip_wheel);
+        root.validate().map_err(|e| e.within("root_wheel"))?;
+        tip.validate().map_err(|e| e.within("tip_wheel"))?;
+        self.delay_samples("root_wheel.dead_time", root.dead_time)?;
+        self.delay_samples("tip_wheel.dead_time", tip.dead_time)?;
+        positive("slew_motor.torque_limit", self.slew_motor.torque_limit)?;
+        self.sensors.validate().map_err(|e| e.within("sensors"))?;
+        self.delay_samples("sensors.delay", self.sensors.delay)?;
+        self.dynamics.validate().map_err(|e| e.within("dynamics"))?;
+        positive("sample_period", self.sample_period)?;
+        positive("horizon", self.horizon)?;
+        if self.horizon < self.sample_period {
+            return Err(ConfigError::value(
+                "horizon",
+                format!(
+                    "must be at least the sample period of {} s",
+                    self.sample_period
+                ),
+                self.horizon,
+            ));
+        }
+        if self.horizon / self.sample_period > 1e9 {
+            return Err(ConfigError::value(
+                "horizon",
+                "must be at most 1e9 sample periods",
+                self.horizon,
+            ));
+        }
+        self.validate_step(&payload)
+    }
+
+    /// Dead time or delay in whole samples.
+    pub fn delay_samples(&self, path: &str, delay: f64) -> Result<usize, ConfigError> {
+        positive("sample_period", self.sample_period)?;
+        let samples = libm::round(delay / self.sample_period);
+        if samples <= LONGEST_DELAY_SAMPLES {
+            return Ok(samples as usize);
+        }
+        Err(ConfigError::value(
+            path,
+            format!("must be at most {LONGEST_DELAY_SAMPLES} sample periods"),
+            delay,
+        ))
+    }
+
+    /// Refuses a step beyond the stability limit 2 sqrt(2) / w of the Runge-Kutta method for the
+    /// fastest undamped mode w met on the way.
+    fn validate_step(&self, payload: &PayloadProperties) -> Result<(), ConfigError> {
+        positive("integrator_step", self.integrator_step)?;
+        let step = self.integrator_step.min(self.sample_period);
+        let (from, to) = (self.deployment.start, self.deployment.final_extension());
+        let (frequency, extension) = (0..=8)
+            .map(|i| {
+                let a = from + (to - from) * f64::from(i) / 8.0;
+                (fastest_frequency(&self.arm, payload, a), a)
+            })
+            .fold(
+                (0.0, from),
+                |worst, next| if next.0 > worst.0 { next } else { worst },
+            );
+        let limit = 2.0 * std::f64::consts::SQRT_2 / frequency;
+        if step < limit {
+            return Ok(());
+        }
+        Err(ConfigError::value(
+            "integrator_step",
+            format!(
+                "must be below {limit:.3e} s, or the Runge-Kutta integration is unstable \
+                 (fastest mode {frequency:.0} rad/s at an extension of {extension} m)"
+            ),
+            step,
+        ))
+    }
+
+    /// Duration of the deployment, s, as planned with the reported payload.
+    pub fn deployment_time(&self, reported: &PayloadProperties) -> f64 {
+        let link2 = self.arm.link2.mass_per_length * self.arm.link2.length;
+        self.deployment
+            .duration(self.slew.final_time(), link2 + reported.mass)
+    }
+
+    /// Number of samples in the horizon.
+    pub fn samples(&self) -> usize {
+        (libm::round(self.horizon / self.sample_period) as usize).max(1)
+    }
+}

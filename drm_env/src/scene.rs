@@ -1,0 +1,39 @@
+//! What a picture of a flight shows at the present instant.
+
+use crate::flight::Flight;
+use crate::render::Scene;
+
+/// Factor by which deflections are drawn larger than they are: centimetres on an arm of 15 m.
+pub const MAGNIFICATION: f64 = 20.0;
+
+/// The scene of a flight now.
+pub fn scene(flight: &Flight) -> Scene {
+    let plan = flight.plan();
+    let scenario = &plan.scenario;
+    let reference = flight.reference();
+    let extension = flight.extension();
+    let [slew_angle, alpha, beta] = flight.position();
+    let [_, root_torque, tip_torque] = flight.last_torques();
+    let tip_deflection = flight.tip_deflection().0;
+    let reach = scenario.arm.link1.length + extension.length;
+    Scene {
+        link1_length: scenario.arm.link1.length,
+        link2_length: scenario.arm.link2.length,
+        slew_angle,
+        reference_angle: reference.angle,
+        target_angle: scenario.slew.angle,
+        extension: extension.length,
+        alpha,
+        beta,
+        payload_length: plan.payload.length,
+        payload_width: plan.payload.width,
+        payload_mass: plan.payload.mass,
+        root_torque: root_torque / scenario.root_wheel.torque_limit,
+        tip_torque: tip_torque / scenario.tip_wheel.torque_limit,
+        time: flight.time(),
+        slew_end_time: plan.slew_end_time,
+        tip_deflection,
+        tip_error: reach * (slew_angle - reference.angle) + tip_deflection,
+        magnification: MAGNIFICATION,
+    }
+}

@@ -1,0 +1,136 @@
+"""Gymnasium environments of the Deployable Robotic Manipulator, simulated in Rust.
+
+Importing this package registers
+
+    drm_env/Slew-v0           two reaction wheels at 100 Hz, the payload drawn and misreported
+    drm_env/SlewResidual-v0   the same, as a correction at 50 Hz to an inner law at 500 Hz
+    drm_env/SlewThesis-v0     the thesis' manoeuvre: nothing random, 500 Hz
+    drm_env/SlewDirect-v0     as Slew, and the slew motor is the agent's too
+
+    import gymnasium as gym
+    import drm_env
+
+    env = gym.make("drm_env/Slew-v0", payload_mass=(50.0, 500.0))
+    vec = gym.make_vec("drm_env/Slew-v0", num_envs=1024)
+    trajectory = drm_env.simulate({"payload": {"mass": 200.0}}, law="lyapunov")
+
+Units are SI and radians throughout.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as _gym
+
+if TYPE_CHECKING:
+    from drm_env._config import EnvConfig, Scenario, Task
+    from drm_env._engine import __version__
+    from drm_env.configuration import default_config, option_names
+    from drm_env.distributions import Choices, LogUniform, Normal, Uniform
+    from drm_env.env import DrmEnv
+    from drm_env.errors import (
+        ActionError,
+        ActionTypeError,
+        ConfigError,
+        DrmError,
+        EnvironmentClosedError,
+        ResetNeededError,
+        SimulationError,
+        SnapshotError,
+    )
+    from drm_env.law import ControlLaw
+    from drm_env.model import Model
+    from drm_env.observation import ObservationEntry, observation_layout
+    from drm_env.simulation import Trajectory, rollout, sample_scenarios, simulate
+    from drm_env.vector import DrmVectorEnv
+
+__all__ = [
+    "ActionError",
+    "ActionTypeError",
+    "Choices",
+    "ConfigError",
+    "ControlLaw",
+    "DrmEnv",
+    "DrmError",
+    "DrmVectorEnv",
+    "EnvConfig",
+    "EnvironmentClosedError",
+    "LogUniform",
+    "Model",
+    "Normal",
+    "ObservationEntry",
+    "ResetNeededError",
+    "Scenario",
+    "SimulationError",
+    "SnapshotError",
+    "Task",
+    "Trajectory",
+    "Uniform",
+    "__version__",
+    "default_config",
+    "observation_layout",
+    "option_names",
+    "rollout",
+    "sample_scenarios",
+    "simulate",
+]
+
+_HOMES = {
+    "_config": ["EnvConfig", "Scenario", "Task"],
+    "_engine": ["__version__"],
+    "configuration": ["default_config", "option_names"],
+    "distributions": ["Choices", "LogUniform", "Normal", "Uniform"],
+    "env": ["DrmEnv"],
+    "errors": [
+        "ActionError",
+        "ActionTypeError",
+        "ConfigError",
+        "DrmError",
+        "EnvironmentClosedError",
+        "ResetNeededError",
+        "SimulationError",
+        "SnapshotError",
+    ],
+    "law": ["ControlLaw"],
+    "model": ["Model"],
+    "observation": ["ObservationEntry", "observation_layout"],
+    "simulation": ["Trajectory", "rollout", "sample_scenarios", "simulate"],
+    "vector": ["DrmVectorEnv"],
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name when it is first used, which keeps the import of the package fast."""
+    home = _HOME_OF.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted(__all__)
+
+
+def _register() -> None:
+    # No step limit is registered: the horizon is an option, and the environment truncates there.
+    for name, task in (
+        ("Slew", "slew"),
+        ("SlewResidual", "slew_residual"),
+        ("SlewThesis", "slew_thesis"),
+        ("SlewDirect", "slew_direct"),
+    ):
+        _gym.register(
+            id=f"drm_env/{name}-v0",
+            entry_point="drm_env.env:DrmEnv",
+            vector_entry_point="drm_env.vector:DrmVectorEnv",
+            kwargs={"task": task},
+        )
+
+
+_register()

@@ -1,0 +1,194 @@
+"""Arguments and results of a batch: what `DrmVectorEnv` checks and how its infos are made."""
+
+from __future__ import annotations
+
+import json
+import operator
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from drm_env import _engine
+from drm_env._common import METRIC_KEYS, REWARD_KEYS
+from drm_env.configuration import flat_options
+from drm_env.errors import ConfigError
+
+Observations = NDArray[np.float32]
+Info = dict[str, Any]
+Mask = NDArray[np.bool_]
+
+
+class Buffers(NamedTuple):
+    """What one step of a batch returns, a row a sub-environment.
+
+    Attributes
+    ----------
+    observations
+        float32, shape (num_envs, n).
+    rewards
+        float64, shape (num_envs,).
+    terminated, truncated
+        bool, shape (num_envs,).
+    terms
+        Terms of the reward, float64, shape (num_envs, 3).
+    """
+
+    observations: Observations
+    rewards: NDArray[np.float64]
+    terminated: Mask
+    truncated: Mask
+    terms: NDArray[np.float64]
+
+
+# -- Arguments -------------------------------------------------------------------------------
+
+
+def count(name: str, value: Any) -> int:
+    """A positive integer argument.
+
+    Raises
+    ------
+    ConfigError
+        anything else.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1 or isinstance(value, bool):
+        raise ConfigError(f"{name} must be a positive integer, got {value!r}")
+    return number
+
+
+def shortened(config_json: str, max_episode_steps: int | None) -> str:
+    """Complete configuration text whose horizon has at most so many control periods."""
+    if max_episode_steps is None:
+        return config_json
+    config = json.loads(config_json)
+    limit = max_episode_steps * config["task"]["control_period"]
+    if config["scenario"]["horizon"] <= limit:
+        return config_json
+    config["scenario"]["horizon"] = limit
+    return _engine.resolve_config("slew", json.dumps(config), "{}")
+
+
+def seed_list(seed: Any, num_envs: int) -> list[int | None]:
+    """One seed, or ``None``, for each sub-environment: an integer s stands for s, s + 1, ...
+
+    Raises
+    ------
+    ConfigError
+        A list of another length.
+    gymnasium.error.Error
+        A negative seed.
+    """
+    if seed is None:
+        return [None] * num_envs
+    if isinstance(seed, (list, tuple, np.ndarray)):
+        seeds = [None if value is None else operator.index(value) for value in seed]
+        if len(seeds) != num_envs:
+            raise ConfigError(f"seed must have {num_envs} entries, got {len(seeds)}")
+    else:
+        first = operator.index(seed)
+        seeds = [first + index for index in range(num_envs)]
+    for value in seeds:
+        if value is not None and value < 0:
+            raise gym.error.Error(f"seed must not be negative, got {value}")
+    return seeds
+
+
+def reset_mask(mask: Any, num_envs: int) -> Mask:
+    """A copy of a checked ``reset_mask``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As Gymnasium's own vector environments.
+    """
+    if not isinstance(mask, np.ndarray):
+        raise TypeError(f"options['reset_mask'] must be a numpy array, got {type(mask)}")
+    if mask.shape != (num_envs,):
+        raise ValueError(f"options['reset_mask'] must have shape ({num_envs},), got {mask.shape}")
+    if mask.dtype != np.bool_:
+        raise TypeError(f"options['reset_mask'] must have dtype bool, got {mask.dtype}")
+    if not mask.any():
+        raise ValueError("options['reset_mask'] must be true somewhere")
+    return mask.copy()
+
+
+def lane_options(options: Mapping[str, Any] | None, num_envs: int) -> list[str | None]:
+    """JSON text of flat parameters for each sub-environment; arrays give each its own value.
+
+    Raises
+    ------
+    ConfigError
+        An array of another shape, or a value without a JSON form.
+    """
+    if not options:
+        return [None] * num_envs
+    arrays = {}
+    for name, value in options.items():
+        if isinstance(value, np.ndarray) and value.ndim > 0:
+            if value.shape != (num_envs,):
+                raise ConfigError(
+                    f"{name} must be one value or an array of shape ({num_envs},), "
+                    f"got shape {value.shape}"
+                )
+            arrays[name] = value
+    if not arrays:
+        return [flat_options(options)] * num_envs
+    return [
+        flat_options({**options, **{name: array[index] for name, array in arrays.items()}})
+        for index in range(num_envs)
+    ]
+
+
+# -- Infos -----------------------------------------------------------------------------------
+
+
+def shared_info(keys: Sequence[str], rows: NDArray[Any], everywhere: Mask) -> Info:
+    """One row a key, valid in every sub-environment."""
+    info: Info = {}
+    for key, row in zip(keys, rows, strict=True):
+        info[key] = row
+        info[f"_{key}"] = everywhere
+    return info
+
+
+def terms_info(terms: NDArray[np.float64], everywhere: Mask) -> Info:
+    """The reward's terms where every sub-environment has stepped."""
+    return shared_info(REWARD_KEYS, terms.T, everywhere)
+
+
+def masked_info(keys: Sequence[str], rows: NDArray[Any], mask: Mask) -> Info:
+    """Arrays that hold where ``mask`` does and are zero elsewhere, with their masks."""
+    info: Info = {}
+    for key, row in zip(keys, np.where(mask, rows, 0.0), strict=True):
+        info[key] = row
+        info[f"_{key}"] = mask.copy()
+    return info
+
+
+def end_infos(metrics: NDArray[np.float64], diverged: Mask, settled: Mask, done: Mask) -> Info:
+    """Metrics, divergence and success of the episodes that ended where ``done`` holds."""
+    info = masked_info(METRIC_KEYS, metrics.T, done)
+    for key, values in (("diverged", diverged), ("is_success", settled)):
+        info[key] = values & done
+        info[f"_{key}"] = done.copy()
+    return info
+
+
+def final_infos(last: Observations, ended: Info, done: Mask) -> Info:
+    """``final_obs`` and ``final_info`` of the episodes that ended and were reset in one step."""
+    observations = np.full(done.size, None, dtype=object)
+    for index in np.flatnonzero(done).tolist():
+        observations[index] = last[index].copy()
+    return {
+        "final_obs": observations,
+        "_final_obs": done.copy(),
+        "final_info": ended,
+        "_final_info": done.copy(),
+    }

@@ -1,0 +1,80 @@
+"""The exceptions of this package.
+
+::
+
+    DrmError
+    ├── ConfigError (ValueError)          a configuration, scenario or option that cannot be used
+    ├── SimulationError                   a call that cannot be carried out now
+    │   ├── ActionError (ValueError)      an action of the wrong shape or not finite
+    │   │   └── ActionTypeError (TypeError)   an action that is not made of real numbers
+    │   ├── ResetNeededError              step before reset or after the end of an episode
+    │   └── EnvironmentClosedError        any use after close
+    └── SnapshotError                     bytes that are not a snapshot of this environment
+
+Nothing has changed when one of them is raised.
+"""
+
+from __future__ import annotations
+
+import gymnasium as gym
+
+__all__ = [
+    "ActionError",
+    "ActionTypeError",
+    "ConfigError",
+    "DrmError",
+    "EnvironmentClosedError",
+    "ResetNeededError",
+    "SimulationError",
+    "SnapshotError",
+]
+
+# The engine raises these by their names here; a type made in Rust would be missing in its stub.
+
+
+class DrmError(Exception):
+    """Base of every error of this package."""
+
+    __module__ = "drm_env"
+
+
+class ConfigError(DrmError, ValueError):
+    """A configuration, scenario or option that cannot be used."""
+
+    __module__ = "drm_env"
+
+
+class SimulationError(DrmError):
+    """A call that cannot be carried out in the present state."""
+
+    __module__ = "drm_env"
+
+
+class ActionError(SimulationError, ValueError):
+    """An action with the wrong shape or a value that is not finite."""
+
+    __module__ = "drm_env"
+
+
+class ActionTypeError(ActionError, TypeError):
+    """An action that is not made of real numbers."""
+
+    __module__ = "drm_env"
+
+
+class ResetNeededError(SimulationError, gym.error.ResetNeeded):
+    """A call before the first ``reset``, or ``step`` after the end of an episode."""
+
+    __module__ = "drm_env"
+
+
+class EnvironmentClosedError(SimulationError, gym.error.ClosedEnvironmentError):
+    """The environment was used after ``close``."""
+
+    __module__ = "drm_env"
+
+
+class SnapshotError(DrmError):
+    """Bytes that are damaged, of another version, or of another configuration."""
+
+    __module__ = "drm_env"

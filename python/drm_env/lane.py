@@ -1,0 +1,101 @@
+"""One sub-environment of a batch, seen alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drm_env._common import CONTEXT_KEYS, RENDER_SIZE
+from drm_env.configuration import flat_options
+
+if TYPE_CHECKING:
+    from drm_env.vector import DrmVectorEnv
+
+__all__ = ["Lane"]
+
+
+class Lane:
+    """Sub-environment ``index`` of a batch: what can be asked of it and done to it alone.
+
+    Attributes that are the same for the whole batch (``config``, ``observation_layout``, ...) are
+    those of the batch. Others may be set freely; they belong to this sub-environment.
+    """
+
+    def __init__(self, batch: DrmVectorEnv, index: int) -> None:
+        """Refers to ``batch``; holds no state of its own."""
+        self._batch = batch
+        self._index = index
+
+    def __getattr__(self, name: str) -> Any:
+        """Attributes of the single environment that are the same in the whole batch."""
+        shared = {
+            "action_space": "single_action_space",
+            "observation_space": "single_observation_space",
+            "config": "config",
+            "config_json": "config_json",
+            "control_period": "control_period",
+            "metadata": "metadata",
+            "observation_layout": "observation_layout",
+            "render_mode": "render_mode",
+            "spec": "spec",
+        }
+        if name not in shared:
+            raise AttributeError(f"a sub-environment has no attribute {name!r}")
+        return getattr(self._batch, shared[name])
+
+    @property
+    def unwrapped(self) -> Lane:
+        """Itself."""
+        return self
+
+    @property
+    def context(self) -> dict[str, float]:
+        """The true context of the present episode, by the keys of the info."""
+        column = self._batch._context[:, self._index]
+        return dict(zip(CONTEXT_KEYS, column.tolist(), strict=True))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Starts an episode in this sub-environment alone; see `DrmEnv.reset`."""
+        batch = self._batch
+        mask = np.zeros(batch.num_envs, dtype=np.bool_)
+        mask[self._index] = True
+        seeds: list[int | None] = [None] * batch.num_envs
+        seeds[self._index] = seed
+        observations, _ = batch.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
+        return observations[self._index].copy(), dict(self.context)
+
+    def set_context(self, **context: Any) -> None:
+        """Fixes parameters of this sub-environment's next episodes; see `DrmEnv.set_context`."""
+        self._batch._engine.set_env_context(self._index, flat_options(context))
+
+    def get_state(self) -> bytes:
+        """The exact state, as of `DrmEnv.get_state`: either takes the other's."""
+        return self._batch._engine.env_state(self._index)
+
+    def set_state(self, state: bytes) -> None:
+        """Restores what ``get_state`` of a sub- or single environment returned.
+
+        Raises
+        ------
+        SnapshotError
+            damaged or foreign; nothing has changed.
+        """
+        self._batch._engine.set_env_state(self._index, state)
+        self._batch._after_restore()
+
+    def signals(self) -> dict[str, float]:
+        """The present true values by name, SI; see `DrmEnv.signals`."""
+        return dict(self._batch._engine.signals(self._index))
+
+    def render(self) -> NDArray[np.uint8] | str | None:
+        """The present state as a picture or text; see `DrmEnv.render`."""
+        engine = self._batch._engine
+        if self._batch.render_mode == "rgb_array":
+            return engine.render_rgb(self._index, *RENDER_SIZE)
+        if self._batch.render_mode == "ansi":
+            return engine.render_ansi(self._index)
+        return None

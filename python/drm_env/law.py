@@ -1,0 +1,127 @@
+"""The control laws outside the engine's loop, for use as policies of an environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from drm_env import _engine
+from drm_env.configuration import ConfigLike, resolve
+from drm_env.errors import ConfigError
+from drm_env.observation import layout_of
+from drm_env.simulation import law_json
+
+__all__ = ["ControlLaw"]
+
+
+class ControlLaw:
+    """A control law flown once per control period of a task.
+
+    It is the engine's own law (the one behind ``inner_law`` and `drm_env.simulate`), evaluated for
+    many environments at once.
+
+    Parameters
+    ----------
+    law
+        ``"none"``, ``"linear"``, ``"lyapunov"`` or a mapping of a law's parameters.
+    task, config, **options
+        as for `DrmEnv`: the control period, the arm and the layout of the
+        observation are read from them.
+
+    Raises
+    ------
+    ConfigError
+        an unknown name or an impossible value.
+    """
+
+    MEASUREMENTS: tuple[str, ...] = tuple(_engine.measurement_names())
+    """What a law is told, in the order of the columns of ``measurements``."""
+
+    def __init__(
+        self,
+        law: Any = "linear",
+        *,
+        task: str = "slew",
+        config: ConfigLike = None,
+        **options: Any,
+    ) -> None:
+        """Makes the law; see the class for the arguments."""
+        config_json = resolve(task, config, options)
+        self._law = _engine.Law(law_json(law), config_json)
+        layout = layout_of(config_json)
+        places = {entry.name: index for index, entry in enumerate(layout)}
+        missing = [name for name in self.MEASUREMENTS if name not in places]
+        self._missing = missing
+        self._columns = [places[name] for name in self.MEASUREMENTS if name in places]
+        self._scales = np.array([layout[index].scale for index in self._columns])
+
+    @property
+    def control_period(self) -> float:
+        """Time from one call to the next that the differences in the law assume, s."""
+        return self._law.control_period
+
+    @property
+    def torque_limits(self) -> tuple[float, float]:
+        """Limits of root and tip wheel, N m: an action is the torque divided by them."""
+        return self._law.torque_limits
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """The memory of ``n`` laws before their first call, shape (n, 3)."""
+        return np.zeros((n, 3))
+
+    def measurements(self, observations: ArrayLike) -> NDArray[np.float64]:
+        """SI values of the measured outputs and what is known, from observations.
+
+        Parameters
+        ----------
+        observations
+            shape (n, d), of an environment with this law's configuration.
+
+        Returns
+        -------
+        measurements
+            Shape (n, len(MEASUREMENTS)).
+
+        Raises
+        ------
+        ConfigError
+            the configuration's observation does not hold what a law needs.
+        """
+        if self._missing:
+            raise ConfigError(
+                f"the observation does not hold {self._missing[0]!r}, which a law needs"
+            )
+        values = np.asarray(observations, dtype=np.float64)[:, self._columns]
+        return np.asarray(values * self._scales)
+
+    def torques(
+        self, measurements: ArrayLike, state: ArrayLike, start: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Wheel torques of one sample.
+
+        Parameters
+        ----------
+        measurements
+            shape (n, len(MEASUREMENTS)), SI, see `measurements`.
+        state
+            shape (n, 3), what the call before returned.
+        start
+            shape (n,), true where an episode begins; the state is then ignored.
+
+        Returns
+        -------
+        torques, state
+            Torques of root and tip wheel before saturation, N m, shape (n, 2), and the new state.
+
+        Raises
+        ------
+        SimulationError
+            arrays whose shapes do not fit.
+        """
+        return self._law.torques(
+            np.ascontiguousarray(measurements, dtype=np.float64),
+            np.ascontiguousarray(state, dtype=np.float64),
+            np.ascontiguousarray(start, dtype=np.bool_),
+        )

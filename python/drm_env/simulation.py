@@ -1,0 +1,218 @@
+"""Whole closed-loop manoeuvres flown in Rust, without Python in the loop."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drm_env import _engine
+from drm_env._common import seed_bytes
+from drm_env.configuration import ConfigLike, resolve, to_data
+from drm_env.errors import ConfigError
+
+if TYPE_CHECKING:
+    from drm_env._config import Scenario
+
+__all__ = ["LawLike", "ScenarioLike", "Trajectory", "rollout", "sample_scenarios", "simulate"]
+
+ScenarioLike = "Scenario | Mapping[str, Any]"
+LawLike = str | Mapping[str, Any] | Any
+
+
+class Trajectory(Mapping[str, NDArray[np.float64]]):
+    """Signals of one manoeuvre by name, each of shape (samples,), SI and radians.
+
+    Attributes
+    ----------
+    metrics
+        the metrics of the whole manoeuvre by name, floats.
+    """
+
+    def __init__(self, signals: dict[str, NDArray[np.float64]], metrics: dict[str, float]) -> None:
+        """Holds what the engine returned."""
+        self._signals = signals
+        self.metrics = metrics
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """The signal ``name``.
+
+        Raises
+        ------
+        KeyError
+            no such signal; the message lists them.
+        """
+        try:
+            return self._signals[name]
+        except KeyError:
+            raise KeyError(f"no signal {name!r}; there are {', '.join(self._signals)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the signals, ``time`` first."""
+        return iter(self._signals)
+
+    def __len__(self) -> int:
+        """Number of signals."""
+        return len(self._signals)
+
+    def __repr__(self) -> str:
+        """Names, duration and number of samples."""
+        time = self._signals["time"]
+        return f"Trajectory({time.size} samples, {time[-1]:g} s: {', '.join(self._signals)})"
+
+
+def scenario_json(scenario: Any, name: str = "scenario") -> str:
+    """JSON text of a scenario given as a dict or dataclass (parts left out have their defaults).
+
+    Raises
+    ------
+    ConfigError
+        not a mapping, or a value without a JSON form.
+    """
+    data = to_data({} if scenario is None else scenario)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{name} must be a mapping or a Scenario, got {type(scenario).__name__}")
+    return json.dumps(data)
+
+
+def law_json(law: Any) -> str:
+    """JSON text of a law given as a name, a dict or a dataclass; ``None`` is the law ``"none"``.
+
+    Raises
+    ------
+    ConfigError
+        anything else.
+    """
+    data = to_data("none" if law is None else law, "law")
+    if not isinstance(data, (str, dict)):
+        raise ConfigError(f"law must be a name or a mapping, got {law!r}")
+    return json.dumps(data)
+
+
+def _seeds(seed: Any, n: int) -> list[bytes]:
+    """``seed``, ``seed + 1``, ... as bytes.
+
+    Raises
+    ------
+    ConfigError
+        Not a non-negative integer.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ConfigError(f"seed must be a non-negative integer, got {seed!r}")
+    return [seed_bytes(int(seed) + index) for index in range(n)]
+
+
+def simulate(
+    scenario: Scenario | Mapping[str, Any] | None = None,
+    law: LawLike = "none",
+    *,
+    decimation: int = 1,
+    seed: int = 0,
+) -> Trajectory:
+    """Flies one manoeuvre in closed loop.
+
+    Parameters
+    ----------
+    scenario
+        any part of a scenario; what is left out has its default (the thesis' standard
+        manoeuvre). ``None`` is all of it.
+    law
+        a name (``"none"``, ``"linear"``, ``"lyapunov"``) or a mapping of its parameters.
+    decimation
+        keep every so many samples of the sample period, the first and the last included.
+    seed
+        of the sensors' noise, if the scenario has any.
+
+    Returns
+    -------
+    trajectory
+        The signals ``time, slew_angle, slew_rate, reference_angle, reference_rate,
+        reference_accel, alpha, beta, alpha_rate, beta_rate, tip_deflection,
+        link2_tip_deflection, extension, extension_rate, slew_torque, root_torque, tip_torque,
+        root_momentum, tip_momentum, motor_power`` and the metrics.
+
+    Raises
+    ------
+    ConfigError
+        an unknown name or an impossible value, with its path and the value.
+    """
+    if isinstance(decimation, bool) or not isinstance(decimation, int) or decimation < 1:
+        raise ConfigError(f"decimation must be a positive integer, got {decimation!r}")
+    (first,) = _seeds(seed, 1)
+    signals, metrics = _engine.simulate(scenario_json(scenario), law_json(law), decimation, first)
+    return Trajectory(dict(signals), dict(metrics))
+
+
+def rollout(
+    scenarios: Sequence[Scenario | Mapping[str, Any]],
+    law: LawLike = "none",
+    *,
+    seed: int = 0,
+    num_threads: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> dict[str, NDArray[np.float64]]:
+    """Flies many manoeuvres in parallel and returns their metrics alone.
+
+    Parameters
+    ----------
+    scenarios
+        as for `simulate`; see also `sample_scenarios`.
+    law
+        as for `simulate`.
+    seed
+        of the sensors' noise: scenario i gets ``seed + i``.
+    num_threads
+        threads; ``None``: one a core.
+    progress
+        called now and then with how many are done and how many there are.
+
+    Returns
+    -------
+    metrics
+        Metrics by name, each of shape (len(scenarios),), in the order of ``scenarios``. The numbers
+        do not depend on the number of threads.
+
+    Raises
+    ------
+    ConfigError
+        an unknown name or an impossible value in any of them; nothing has been flown.
+    """
+    if isinstance(scenarios, (str, bytes, Mapping)):
+        raise ConfigError(
+            f"scenarios must be a sequence of scenarios, got {type(scenarios).__name__}"
+        )
+    if num_threads is not None and (isinstance(num_threads, bool) or num_threads < 1):
+        raise ConfigError(f"num_threads must be a positive integer, got {num_threads!r}")
+    texts = [scenario_json(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
+    seeds = _seeds(seed, len(texts))
+    rows = _engine.rollout(texts, law_json(law), seeds, num_threads, progress)
+    return dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
+
+
+def sample_scenarios(
+    task: str = "slew", *, seed: int = 0, n: int, config: ConfigLike = None, **options: Any
+) -> list[dict[str, Any]]:
+    """The manoeuvres that environments with these arguments fly in their first episodes.
+
+    Parameters
+    ----------
+    task, config, **options
+        as for `DrmEnv`.
+    seed
+        entry i is the first episode of an environment reset with ``seed + i``.
+    n
+        how many.
+
+    Raises
+    ------
+    ConfigError
+        an unknown name or an impossible value.
+    """
+    if isinstance(n, bool) or not isinstance(n, int) or n < 0:
+        raise ConfigError(f"n must be a non-negative integer, got {n!r}")
+    text = _engine.sample_scenarios(resolve(task, config, options), _seeds(seed, n))
+    scenarios: list[dict[str, Any]] = json.loads(text)
+    return scenarios

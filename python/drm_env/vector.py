@@ -1,0 +1,498 @@
+"""Many environments stepped as one batch, as Gymnasium's vector environments."""
+
+from __future__ import annotations
+
+import json
+import operator
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from drm_env import _engine
+from drm_env._batch import (
+    Buffers,
+    Info,
+    Observations,
+    count,
+    end_infos,
+    final_infos,
+    lane_options,
+    masked_info,
+    reset_mask,
+    seed_list,
+    shared_info,
+    shortened,
+    terms_info,
+)
+from drm_env._common import (
+    CONTEXT_KEYS,
+    REWARD_KEYS,
+    ClosedEngine,
+    action_box,
+    convert_action,
+    json_spec,
+    seed_bytes,
+)
+from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
+from drm_env.env import DrmEnv
+from drm_env.errors import ConfigError
+from drm_env.lane import Lane
+from drm_env.observation import ObservationEntry, bounds, layout_of
+
+if TYPE_CHECKING:
+    from drm_env._config import EnvConfig
+
+__all__ = ["DrmVectorEnv"]
+
+_FLOAT32 = np.dtype(np.float32)
+_MODES = {
+    AutoresetMode.NEXT_STEP: "next_step",
+    AutoresetMode.SAME_STEP: "same_step",
+    AutoresetMode.DISABLED: "disabled",
+}
+
+_RENDER_MODES = ["rgb_array", "ansi"]
+
+
+class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+    """A batch of `DrmEnv`, stepped in Rust with the lanes spread over threads.
+
+    Sub-environment i is the single environment with seed + i, bit for bit, for any batch size and
+    any number of threads. Autoreset, observations, rewards, flags and infos are those of
+    `gymnasium.vector.SyncVectorEnv` around the single environments.
+
+    Parameters
+    ----------
+    num_envs
+        number of sub-environments.
+    max_episode_steps
+        shortens the horizon to so many steps, if that is shorter.
+    render_mode
+        ``"rgb_array"`` or ``"ansi"``; ``render`` returns one frame a sub-environment.
+    autoreset_mode
+        an `AutoresetMode` or its value, ``"NextStep"`` (default), ``"SameStep"`` or
+        ``"Disabled"``.
+    copy
+        with ``False`` the observations, rewards and flags are written into the same arrays
+        at every call, which saves their allocation and breaks whatever keeps them (replay
+        buffers, ``final`` comparisons, asynchronous consumers) unless it makes its own copy.
+    num_threads
+        threads of the batch; ``None``: as many as pay off for its size.
+    task, config, **options
+        as for `DrmEnv`.
+
+    The ``context/...`` arrays in the infos and the masks that are true everywhere are read-only
+    and shared between calls; they are replaced, not changed, when a sub-environment is reset.
+    """
+
+    metadata: dict[str, Any]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        num_threads: int | None = None,
+        task: str = "slew",
+        config: ConfigLike = None,
+        **options: Any,
+    ) -> None:
+        """Makes the batch; see the class for the arguments.
+
+        Raises
+        ------
+        ConfigError
+            an unknown name or an impossible value, with its path and the value.
+        """
+        num_envs = count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            max_episode_steps = count("max_episode_steps", max_episode_steps)
+        if num_threads is not None:
+            num_threads = count("num_threads", num_threads)
+        if render_mode is not None and render_mode not in _RENDER_MODES:
+            raise ConfigError(
+                f"render_mode of a batch must be one of {_RENDER_MODES} or None, "
+                f"got {render_mode!r}"
+            )
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            raise ConfigError(
+                f"autoreset_mode must be one of {[mode.value for mode in AutoresetMode]}, "
+                f"got {autoreset_mode!r}"
+            ) from None
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.copy = bool(copy)
+        self.metadata = {
+            **DrmEnv.metadata,
+            "render_modes": _RENDER_MODES,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self._config_json = shortened(resolve(task, config, options), max_episode_steps)
+        self._arguments = (num_envs, _MODES[self.autoreset_mode], num_threads)
+        self._engine = _engine.Batch(self._config_json, *self._arguments)
+        self._observation_size = self._engine.observation_size
+
+        low, high = bounds(self.observation_layout)
+        self.single_observation_space = gym.spaces.Box(low, high, dtype=np.float32)
+        self.single_action_space = action_box(self._engine.action_size)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._action_shape = (num_envs, self._engine.action_size)
+        self._horizon_steps = self._engine.horizon_steps
+        self._spec: EnvSpec | None = None
+        self._seeded = False
+        self._buffers = self._allocate()
+        self._everywhere = np.ones(num_envs, dtype=np.bool_)
+        self._everywhere.flags.writeable = False
+        self._context = np.zeros((len(CONTEXT_KEYS), num_envs))
+        self._ended_context = self._context
+        self._context_info: Info = {}
+        self._lanes: list[Lane] = []
+
+    def _allocate(self) -> Buffers:
+        n = self.num_envs
+        return Buffers(
+            np.empty((n, self._observation_size), dtype=np.float32),
+            np.empty(n, dtype=np.float64),
+            np.empty(n, dtype=np.bool_),
+            np.empty(n, dtype=np.bool_),
+            np.empty((n, len(REWARD_KEYS)), dtype=np.float64),
+        )
+
+    # -- Gymnasium ---------------------------------------------------------------------------
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """The specification that ``gym.make_vec`` made this environment from, else ``None``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, value: EnvSpec | None) -> None:
+        self._spec = json_spec(value, self._horizon_steps)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, Info]:
+        """Starts an episode in each sub-environment, or in those of a mask.
+
+        Parameters
+        ----------
+        seed
+            an integer s, for s + i in sub-environment i, or one seed (or ``None``) each.
+        options
+            parameters of the scenario for this episode alone, by their keyword names; an
+            array of shape (num_envs,) gives each sub-environment its own. The entry
+            ``"reset_mask"``, a boolean array of shape (num_envs,), resets only where it holds.
+
+        Returns
+        -------
+        observations, info
+            Observations of all, float32 of shape (num_envs, n), and the infos of those reset.
+
+        Raises
+        ------
+        ConfigError
+            an unknown or impossible option; nothing has been reset.
+        ResetNeededError
+            a mask before the first full reset.
+        """
+        seeds = seed_list(seed, self.num_envs)
+        if isinstance(seed, (int, np.integer)):
+            super().reset(seed=operator.index(seed))
+        mask = None
+        if options is not None and "reset_mask" in options:
+            mask = reset_mask(options["reset_mask"], self.num_envs)
+            options = {name: value for name, value in options.items() if name != "reset_mask"}
+        observations = self._reset(seeds, lane_options(options, self.num_envs), mask)
+        if mask is None:
+            return observations, self._context_info.copy()
+        return observations, masked_info(CONTEXT_KEYS, self._context, mask)
+
+    def reset_lanes(
+        self, seeds: Sequence[int | None], options: Sequence[Mapping[str, Any]]
+    ) -> Observations:
+        """`reset` with a seed (or ``None``) and options for each sub-environment, without infos."""
+        if len(options) != self.num_envs:
+            raise ConfigError(f"options must have {self.num_envs} entries, got {len(options)}")
+        return self._reset(
+            seed_list(seeds, self.num_envs), [flat_options(item) for item in options], None
+        )
+
+    def _reset(
+        self, seeds: list[int | None], texts: list[str | None], mask: NDArray[np.bool_] | None
+    ) -> Observations:
+        if mask is None and not self._seeded:
+            missing = [index for index, value in enumerate(seeds) if value is None]
+            drawn = self.np_random.integers(2**63, size=len(missing))
+            for index, value in zip(missing, drawn.tolist(), strict=True):
+                seeds[index] = value
+        encoded = [None if value is None else seed_bytes(value) for value in seeds]
+        buffers = self._allocate() if self.copy else self._buffers
+        self._engine.reset(encoded, texts, mask, buffers.observations)
+        self._seeded = True
+        self._read_context(everywhere=mask is None)
+        return buffers.observations
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observations, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+        """Holds one action in each sub-environment for one control period.
+
+        Parameters
+        ----------
+        actions
+            shape (num_envs, k), fractions of the torque limits. Values beyond [-1, 1] are
+            clipped; other real dtypes are converted.
+
+        Returns
+        -------
+        observations, rewards, terminated, truncated, info
+            Observations (num_envs, n) float32, rewards float64, terminated and truncated bool, each
+            of shape (num_envs,), and the infos.
+
+        Raises
+        ------
+        ActionError
+            wrong shape, NaN or infinite; `ActionTypeError` if not made of numbers.
+        ResetNeededError
+            before the first ``reset``, or without autoreset while an episode is
+            over. In each case nothing has been stepped.
+        """
+        buffers, any_reset, any_done = self.advance(actions)
+        if any_reset or any_done:
+            info = self._eventful_info(buffers)
+        else:
+            info = self._context_info.copy()
+            info.update(terms_info(buffers.terms, self._everywhere))
+        return (*buffers[:4], info)
+
+    def advance(self, actions: NDArray[np.float32]) -> tuple[Buffers, bool, bool]:
+        """`step` without infos, for adapters to other libraries.
+
+        Returns
+        -------
+        buffers, any_reset, any_done
+            Observations, rewards, terminated and truncated; whether any sub-environment has been
+            reset, and whether any has ended.
+        """
+        if (
+            type(actions) is not np.ndarray
+            or actions.dtype is not _FLOAT32
+            or actions.shape != self._action_shape
+        ):
+            actions = convert_action(actions, self._action_shape)
+        buffers = self._allocate() if self.copy else self._buffers
+        any_reset, any_done = self._engine.step(actions, *buffers)
+        if any_reset:
+            self._read_context(everywhere=False)
+        return buffers, any_reset, any_done
+
+    @property
+    def context(self) -> NDArray[np.float64]:
+        """The true contexts of the present episodes, shape (parameters, num_envs), read-only."""
+        return self._context
+
+    def ended(
+        self,
+    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Of the sub-environments that ended in the last step, whose rows alone are meaningful.
+
+        Returns
+        -------
+        observations, metrics, diverged, settled
+            Last observations (num_envs, n) in the mode ``"SameStep"``, metrics (num_envs, m),
+            whether it diverged and whether it settled (num_envs,).
+        """
+        engine = self._engine
+        return engine.final_obs(), engine.metrics(), engine.diverged(), engine.success()
+
+    def render(self) -> tuple[Any, ...] | None:
+        """One frame of each sub-environment, as `DrmEnv.render` returns it."""
+        if self.render_mode is None:
+            gym.logger.warn("render() needs a render mode; give one when making the environment")
+            return None
+        return tuple(lane.render() for lane in self.lanes)
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
+        """Lets go of the engine. Any further use is refused."""
+        self._engine = ClosedEngine()  # type: ignore[assignment]
+
+    # -- Infos -------------------------------------------------------------------------------
+
+    def _read_context(self, *, everywhere: bool) -> None:
+        """Caches the contexts, which change at resets alone, in arrays never written again."""
+        self._ended_context = self._context
+        context = self._context.copy()
+        self._engine.contexts(context, everywhere)
+        context.flags.writeable = False
+        self._context = context
+        self._context_info = shared_info(CONTEXT_KEYS, context, self._everywhere)
+
+    def _eventful_info(self, buffers: Buffers) -> Info:
+        """The infos of a step in which episodes ended or began."""
+        done = buffers.terminated | buffers.truncated
+        info = self._context_info.copy()
+        ended: Info = {}
+        if done.any():
+            last, metrics, diverged, settled = self.ended()
+            ended = end_infos(metrics, diverged, settled, done)
+        if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            ended.update(masked_info(CONTEXT_KEYS, self._ended_context, done))
+            ended.update(masked_info(REWARD_KEYS, buffers.terms.T, done))
+            info.update(final_infos(last, ended, done))
+            stepped = ~done
+        else:
+            info.update(ended)
+            stepped = ~self._engine.reset_happened()
+        if stepped.all():
+            info.update(terms_info(buffers.terms, self._everywhere))
+        elif stepped.any():
+            info.update(masked_info(REWARD_KEYS, buffers.terms.T, stepped))
+        return info
+
+    # -- What the environment is -------------------------------------------------------------
+
+    @cached_property
+    def config(self) -> EnvConfig:
+        """The complete configuration. Changing a copy of it does not change the environment."""
+        return config_from_json(self._config_json)
+
+    @property
+    def config_json(self) -> str:
+        """The complete configuration as JSON text."""
+        return self._config_json
+
+    @cached_property
+    def control_period(self) -> float:
+        """Duration of one step, s."""
+        return float(json.loads(self._config_json)["task"]["control_period"])
+
+    @cached_property
+    def observation_layout(self) -> tuple[ObservationEntry, ...]:
+        """Name, unit, scale and bounds of each entry of the observation, in order."""
+        return layout_of(self._config_json)
+
+    @property
+    def np_random_seed(self) -> int | None:
+        """The seed given last as one integer, or that of the entropy drawn in its place."""
+        return super().np_random_seed
+
+    # -- Sub-environments --------------------------------------------------------------------
+
+    @property
+    def lanes(self) -> list[Lane]:
+        """Each sub-environment seen alone: snapshot, context, rendering."""
+        if not self._lanes:
+            self._lanes = [Lane(self, index) for index in range(self.num_envs)]
+        return self._lanes
+
+    def set_context(self, **context: Any) -> None:
+        """Fixes parameters of the scenario from the next episodes on, until changed.
+
+        Parameters
+        ----------
+        **context
+            values by their keyword names, one for all or an array of shape
+            (num_envs,). They replace those of an earlier call; none at all brings back the
+            environment's own. For a single sub-environment see ``lanes[i].set_context``.
+
+        Raises
+        ------
+        ConfigError
+            an unknown name or an impossible value; every context stays as it was.
+        """
+        self._engine.set_context(lane_options(context, self.num_envs))
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """The results of a method (or the values of an attribute) of each sub-environment."""
+        found = [getattr(lane, name) for lane in self.lanes]
+        return tuple(item(*args, **kwargs) if callable(item) else item for item in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """The values of an attribute of each sub-environment."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Sets an attribute of each sub-environment; a list or tuple gives each its own.
+
+        Raises
+        ------
+        ValueError
+            a list or tuple whose length is not ``num_envs``.
+        """
+        if not isinstance(values, (list, tuple)):
+            values = [values] * self.num_envs
+        if len(values) != self.num_envs:
+            raise ValueError(f"values must have length {self.num_envs}, got {len(values)}")
+        for lane, value in zip(self.lanes, values, strict=True):
+            setattr(lane, name, value)
+
+    # -- Snapshots ---------------------------------------------------------------------------
+
+    def get_state(self) -> bytes:
+        """The exact state of every sub-environment."""
+        return self._engine.get_state()
+
+    def set_state(self, state: bytes) -> None:
+        """Restores what `get_state` of a batch of the same size and configuration returned.
+
+        Raises
+        ------
+        SnapshotError
+            damaged or foreign; nothing has changed.
+        """
+        self._engine.set_state(state)
+        self._after_restore()
+
+    def _after_restore(self) -> None:
+        self._seeded = self._engine.has_reset()
+        if self._seeded:
+            self._read_context(everywhere=True)
+        self._engine.observations(self._buffers.observations)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the engine, and the engine's state as bytes."""
+        state = self.__dict__.copy()
+        engine = state.pop("_engine")
+        state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
+        for name in ("_lanes", "_context", "_ended_context", "_context_info", "_everywhere"):
+            state.pop(name)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Rebuilds the engine and restores its state.
+
+        Raises
+        ------
+        SnapshotError
+            the state was written by an incompatible version.
+        """
+        state = state.copy()
+        snapshot = state.pop("_snapshot")
+        self.__dict__.update(state)
+        self._lanes = []
+        self._context = np.zeros((len(CONTEXT_KEYS), self.num_envs))
+        self._ended_context = self._context
+        self._context_info = {}
+        self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        self._everywhere.flags.writeable = False
+        if snapshot is None:
+            self._engine = ClosedEngine()  # type: ignore[assignment]
+        else:
+            self._engine = _engine.Batch(self._config_json, *self._arguments)
+            self.set_state(snapshot)

@@ -1,0 +1,28 @@
+"""Shared by the tests of the Python package."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+# The oracle package of the tests is imported by name.
+sys.path.insert(0, str(Path(__file__).parent))
+# Windows of the "human" render mode need no display here.
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+
+IDS = (
+    "drm_env/Slew-v0",
+    "drm_env/SlewResidual-v0",
+    "drm_env/SlewThesis-v0",
+    "drm_env/SlewDirect-v0",
+)
+
+
+@pytest.fixture(params=IDS, ids=lambda name: name.removeprefix("drm_env/"))
+def env_id(request: pytest.FixtureRequest) -> str:
+    """The id of each registered environment in turn."""
+    name: str = request.param
+    return name

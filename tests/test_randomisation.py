@@ -1,0 +1,284 @@
+"""Each episode's parameters: drawn, reproducible by seed, reported in the info, and of effect.
+
+The last test takes every parameter of the context in turn and shows that the motion or the
+observation depends on it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drm_env
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+CONTEXT_NAMES = [
+    name for name, option in drm_env.option_names().items() if option["randomizable"]
+]
+STILL = np.zeros(2, np.float32)
+
+
+def drawn(name: str, count: int, **options: Any) -> np.ndarray:
+    """Values of one parameter in the first episodes of ``count`` seeds."""
+    env = drm_env.DrmEnv(**options)
+    return np.array([env.reset(seed=seed)[1][f"context/{name}"] for seed in range(count)])
+
+
+def test_context_holds_every_randomizable_parameter() -> None:
+    _, info = drm_env.DrmEnv().reset(seed=0)
+    assert set(info) == {f"context/{name}" for name in CONTEXT_NAMES}
+
+
+def test_defaults_of_slew_are_drawn_from_their_ranges() -> None:
+    env = drm_env.DrmEnv()
+    contexts = [env.reset(seed=seed)[1] for seed in range(400)]
+    mass = np.array([context["context/payload_mass"] for context in contexts])
+    error = np.array([context["context/mass_error"] for context in contexts])
+    reported = np.array([context["context/reported_payload_mass"] for context in contexts])
+    assert 50 <= mass.min() < 60 and 490 < mass.max() <= 500
+    assert -0.15 <= error.min() < -0.14 and 0.14 < error.max() <= 0.15
+    np.testing.assert_allclose(reported, mass * (1 + error), rtol=1e-12)
+    assert abs(np.corrcoef(mass, error)[0, 1]) < 0.15
+
+
+def test_thesis_task_has_nothing_random() -> None:
+    env = drm_env.DrmEnv(task="slew_thesis")
+    assert env.reset(seed=0)[1] == env.reset(seed=1)[1]
+
+
+def test_uniform_has_the_moments_of_a_uniform() -> None:
+    values = drawn("slew_angle", 2000, slew_angle=(0.4, 1.0))
+    assert 0.4 <= values.min() and values.max() <= 1.0
+    # three standard errors of the mean and of the variance
+    assert values.mean() == pytest.approx(0.7, abs=3 * 0.6 / np.sqrt(12 * 2000))
+    assert values.var() == pytest.approx(0.03, abs=3 * 0.03 * np.sqrt(0.8 / 2000))
+
+
+def test_log_uniform_has_a_uniform_logarithm() -> None:
+    values = np.log(drawn("payload_mass", 2000, payload_mass=drm_env.LogUniform(5.0, 500.0)))
+    low, high = np.log(5.0), np.log(500.0)
+    assert low <= values.min() and values.max() <= high
+    assert values.mean() == pytest.approx(
+        (low + high) / 2, abs=3 * (high - low) / np.sqrt(12 * 2000)
+    )
+
+
+def test_normal_has_its_moments_and_keeps_its_limits() -> None:
+    free = drawn("payload_mass", 2000, payload_mass=drm_env.Normal(200.0, 20.0))
+    assert free.mean() == pytest.approx(200.0, abs=3 * 20 / np.sqrt(2000))
+    assert free.std() == pytest.approx(20.0, abs=3 * 20 / np.sqrt(4000))
+    cut = drawn("payload_mass", 500, payload_mass=drm_env.Normal(200.0, 20.0, low=190.0))
+    assert cut.min() >= 190.0
+    assert cut.max() > 230.0
+
+
+def test_choices_are_equally_likely() -> None:
+    values = drawn("payload_mass", 1500, payload_mass=drm_env.Choices((100.0, 150.0, 200.0)))
+    counts = [int((values == choice).sum()) for choice in (100.0, 150.0, 200.0)]
+    assert sum(counts) == 1500
+    assert min(counts) > 500 - 3 * np.sqrt(1500 * 2 / 9)
+
+
+def test_choices_of_names() -> None:
+    env = drm_env.DrmEnv(deployment_mode=["coincident", "none"])
+    modes = set()
+    for seed in range(20):
+        env.reset(seed=seed)
+        modes.add(env.scenario()["deployment"]["mode"])
+    assert modes == {"coincident", "none"}
+
+
+def test_draws_of_one_parameter_do_not_move_those_of_another() -> None:
+    plain = drawn("payload_mass", 20)
+    np.testing.assert_array_equal(plain, drawn("payload_mass", 20, link2_length=(7.9, 8.0)))
+    np.testing.assert_array_equal(
+        drawn("mass_error", 20), drawn("mass_error", 20, slew_angle=(0.5, 1.0))
+    )
+
+
+def test_draws_survive_autoreset_and_equal_the_single_environments() -> None:
+    vector = gym.make_vec(
+        "drm_env/Slew-v0", num_envs=4, horizon=0.03, autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    _, info = vector.reset(seed=50)
+    seen = [info["context/payload_mass"].copy()]
+    for _ in range(9):
+        _, _, terminated, truncated, info = vector.step(np.zeros((4, 2), np.float32))
+        if (terminated | truncated).all():
+            seen.append(info["context/payload_mass"].copy())
+    assert len(seen) == 4
+    assert len(set(np.concatenate(seen).tolist())) == 16
+    for index in range(4):
+        env = drm_env.DrmEnv(horizon=0.03)
+        masses = [env.reset(seed=50 + index)[1]["context/payload_mass"]]
+        masses += [env.reset()[1]["context/payload_mass"] for _ in range(3)]
+        assert masses == [values[index] for values in seen]
+
+
+def test_options_of_reset_hold_for_one_episode() -> None:
+    env = drm_env.DrmEnv()
+    plain = [env.reset(seed=4)[1], env.reset()[1], env.reset()[1]]
+    _, first = env.reset(seed=4, options={"payload_mass": 123.0})
+    assert first["context/payload_mass"] == 123.0
+    assert first["context/mass_error"] == plain[0]["context/mass_error"]
+    # neither the stream nor the next episodes notice
+    assert env.reset()[1] == plain[1]
+    assert env.reset()[1] == plain[2]
+
+
+def test_context_holds_until_changed() -> None:
+    env = drm_env.DrmEnv()
+    plain = [env.reset(seed=4)[1], env.reset()[1], env.reset()[1]]
+    env.reset(seed=4)
+    env.set_context(payload_mass=123.0)
+    assert env.reset()[1]["context/payload_mass"] == 123.0
+    _, both = env.reset(options={"payload_mass": 77.0, "slew_angle": 0.5})
+    assert (both["context/payload_mass"], both["context/slew_angle"]) == (77.0, 0.5)
+    env.set_context(slew_angle=0.6)
+    _, changed = env.reset(seed=4)
+    assert changed["context/slew_angle"] == 0.6
+    assert changed["context/payload_mass"] == plain[0]["context/payload_mass"]
+    env.set_context()
+    assert [env.reset(seed=4)[1], env.reset()[1], env.reset()[1]] == plain
+
+
+def test_sampled_scenarios_are_those_of_the_environments() -> None:
+    options: dict[str, Any] = {"payload_mass": (60.0, 400.0), "slew_angle": (0.5, 1.0)}
+    scenarios = drm_env.sample_scenarios(seed=7, n=5, **options)
+    env = drm_env.DrmEnv(**options)
+    for index, scenario in enumerate(scenarios):
+        _, info = env.reset(seed=7 + index)
+        assert env.scenario() == scenario
+        assert scenario["payload"]["mass"] == info["context/payload_mass"]
+
+
+def test_environment_without_action_flies_the_simulated_open_loop() -> None:
+    """The same scenario through the environment and through `simulate`."""
+    env = drm_env.DrmEnv(task="slew", horizon=3.0)
+    env.reset(seed=3)
+    scenario = env.scenario()
+    trajectory = drm_env.simulate(scenario, law="none")
+    angles = []
+    truncated = False
+    while not truncated:
+        _, _, _, truncated, info = env.step(STILL)
+        angles.append(env.signals()["slew_angle"])
+    every = round(env.control_period / (trajectory["time"][1] - trajectory["time"][0]))
+    np.testing.assert_array_equal(angles, trajectory["slew_angle"][every::every])
+    for name in ("tip_error_rms", "peak_deflection", "slew_energy", "residual_energy"):
+        assert info[f"metrics/{name}"] == trajectory.metrics[name]
+
+
+def test_payload_in_the_observation() -> None:
+    values = {}
+    for mode in ("reported", "true", "hidden"):
+        env = drm_env.DrmEnv(observe_payload=mode)
+        observation, info = env.reset(seed=2)
+        index = [entry.name for entry in env.observation_layout].index("payload_mass")
+        values[mode] = observation[index] * env.observation_layout[index].scale
+    assert values["reported"] == pytest.approx(info["context/reported_payload_mass"])
+    assert values["true"] == pytest.approx(info["context/payload_mass"])
+    assert values["hidden"] == 0.0
+
+
+# What a parameter is changed to, and what else has to hold for it to matter.
+CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "payload_mass": (150.0, {}),
+    "payload_length": (1.3, {}),
+    "payload_width": (0.9, {}),
+    "payload_inertia": ("slender", {}),
+    "mass_error": (0.1, {}),
+    "reported_payload_mass": (230.0, {}),
+    "reported_payload_length": (1.4, {}),
+    "reported_payload_width": (0.9, {}),
+    "slew_angle": (0.7, {}),
+    "slew_max_accel": (0.03, {}),
+    "slew_profile": ("min_energy", {}),
+    "slew_smoothing": (0.05, {}),
+    "deployment_start": (2.0, {}),
+    "deployment_end": (6.0, {}),
+    "deployment_mode": ("none", {}),
+    "deployment_force": (300.0, {"deployment_mode": "force_limited"}),
+    "initial_slew_angle": (0.01, {}),
+    "initial_slew_rate": (0.01, {}),
+    "initial_alpha": (0.001, {}),
+    "initial_alpha_rate": (0.01, {}),
+    "initial_beta": (0.001, {}),
+    "initial_beta_rate": (0.01, {}),
+    "root_torque_limit": (50.0, {}),
+    "root_momentum_limit": (1.0, {}),
+    "root_lag": (0.05, {}),
+    "root_dead_time": (0.02, {}),
+    "tip_torque_limit": (5.0, {}),
+    "tip_momentum_limit": (0.1, {}),
+    "tip_lag": (0.05, {}),
+    "tip_dead_time": (0.02, {}),
+    "angle_noise": (1e-3, {}),
+    "rate_noise": (1e-3, {}),
+    "deflection_noise": (1e-3, {}),
+    "deflection_rate_noise": (1e-3, {}),
+    "angle_resolution": (1e-2, {}),
+    "rate_resolution": (1e-2, {}),
+    "deflection_resolution": (1e-2, {}),
+    "deflection_rate_resolution": (1e-2, {}),
+    "sensor_delay": (0.02, {}),
+    "structural_damping": (1e-3, {}),
+    "link1_length": (6.5, {}),
+    "link1_bending_stiffness": (2.0e6, {}),
+    "link1_mass_per_length": (12.0, {}),
+    "link2_length": (8.5, {"deployment_start": 2.5}),
+    "link2_bending_stiffness": (2.0e6, {}),
+    "link2_mass_per_length": (8.0, {}),
+}
+ONLY_MEASURED = {
+    "angle_noise",
+    "rate_noise",
+    "deflection_noise",
+    "deflection_rate_noise",
+    "angle_resolution",
+    "rate_resolution",
+    "deflection_resolution",
+    "deflection_rate_resolution",
+    "sensor_delay",
+}
+# The open-loop law is told the reported payload; its length and width alone enter the slew torque.
+
+
+def flown(options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Motion and observations of half a second with full wheel torques, from option to state."""
+    env = drm_env.DrmEnv(task="slew_thesis", control_period=0.01, horizon=0.5)
+    observation, _ = env.reset(seed=1, options=options)
+    observations, motion = [observation], []
+    for index in range(50):
+        observation = env.step(np.array([1.0, 1.0 if index < 25 else -1.0], np.float32))[0]
+        observations.append(observation)
+        signals = env.signals()
+        motion.append([signals[name] for name in ("slew_angle", "alpha", "beta")])
+    return np.array(motion), np.array(observations)
+
+
+@pytest.mark.parametrize("name", CONTEXT_NAMES)
+def test_every_parameter_of_the_context_has_an_effect(name: str) -> None:
+    value, also = CHANGES[name]
+    motion, observations = flown(also)
+    changed_motion, changed_observations = flown({**also, name: value})
+    if name in ONLY_MEASURED:
+        np.testing.assert_array_equal(changed_motion, motion)
+        assert np.abs(changed_observations - observations).max() > 1e-6
+    else:
+        difference = np.abs(changed_motion - motion).max(axis=0)
+        assert difference.max() > 1e-7, difference
+
+
+def test_every_change_is_reported_in_the_context() -> None:
+    assert set(CHANGES) == set(CONTEXT_NAMES)
+    env = drm_env.DrmEnv(task="slew_thesis")
+    _, plain = env.reset(seed=1)
+    for name, (value, also) in CHANGES.items():
+        _, info = env.reset(seed=1, options={**also, name: value})
+        if isinstance(value, float):
+            assert info[f"context/{name}"] == pytest.approx(value, rel=1e-12), name
+        else:
+            assert info[f"context/{name}"] != plain[f"context/{name}"], name
