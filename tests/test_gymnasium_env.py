@@ -15,7 +15,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import drm_env
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -28,6 +27,8 @@ from gymnasium.wrappers import (
     RescaleAction,
     TimeLimit,
 )
+
+import drm_env
 
 SHORT = {"horizon": 0.3}
 
@@ -196,9 +197,7 @@ def test_numpy_integers_are_seeds() -> None:
 
 
 def test_unseeded_environments_differ() -> None:
-    masses = {
-        gym.make("drm_env/Slew-v0").reset()[1]["context/payload_mass"] for _ in range(8)
-    }
+    masses = {gym.make("drm_env/Slew-v0").reset()[1]["context/payload_mass"] for _ in range(8)}
     assert len(masses) == 8
 
 
@@ -272,7 +271,7 @@ def test_config_as_dataclass_dict_and_file_are_the_same(tmp_path: Path) -> None:
     text = reference.config_json
     toml = tmp_path / "config.toml"
     toml.write_text(
-        '[scenario]\nhorizon = 2.0\n[randomize]\npayload_mass = {uniform = [70.0, 80.0]}\n'
+        "[scenario]\nhorizon = 2.0\n[randomize]\npayload_mass = {uniform = [70.0, 80.0]}\n"
     )
     path = tmp_path / "config.json"
     path.write_text(text)
@@ -430,5 +429,5 @@ def test_public_names_exist() -> None:
     for name in drm_env.__all__:
         assert getattr(drm_env, name) is not None
     assert set(drm_env.__all__) <= set(dir(drm_env))
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match=r"no attribute 'nothing'"):
         drm_env.nothing  # noqa: B018

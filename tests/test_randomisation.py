@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import drm_env
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-CONTEXT_NAMES = [
-    name for name, option in drm_env.option_names().items() if option["randomizable"]
-]
+import drm_env
+
+CONTEXT_NAMES = [name for name, option in drm_env.option_names().items() if option["randomizable"]]
 STILL = np.zeros(2, np.float32)
 
 
@@ -50,7 +49,7 @@ def test_thesis_task_has_nothing_random() -> None:
 
 def test_uniform_has_the_moments_of_a_uniform() -> None:
     values = drawn("slew_angle", 2000, slew_angle=(0.4, 1.0))
-    assert 0.4 <= values.min() and values.max() <= 1.0
+    assert values.min() >= 0.4 and values.max() <= 1.0
     # three standard errors of the mean and of the variance
     assert values.mean() == pytest.approx(0.7, abs=3 * 0.6 / np.sqrt(12 * 2000))
     assert values.var() == pytest.approx(0.03, abs=3 * 0.03 * np.sqrt(0.8 / 2000))
@@ -88,14 +87,6 @@ def test_choices_of_names() -> None:
         env.reset(seed=seed)
         modes.add(env.scenario()["deployment"]["mode"])
     assert modes == {"coincident", "none"}
-
-
-def test_draws_of_one_parameter_do_not_move_those_of_another() -> None:
-    plain = drawn("payload_mass", 20)
-    np.testing.assert_array_equal(plain, drawn("payload_mass", 20, link2_length=(7.9, 8.0)))
-    np.testing.assert_array_equal(
-        drawn("mass_error", 20), drawn("mass_error", 20, slew_angle=(0.5, 1.0))
-    )
 
 
 def test_draws_survive_autoreset_and_equal_the_single_environments() -> None:
@@ -225,7 +216,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "deflection_rate_resolution": (1e-2, {}),
     "sensor_delay": (0.02, {}),
     "structural_damping": (1e-3, {}),
-    "link1_length": (6.5, {}),
+    "link1_length": (6.5, {"deployment_start": 2.0}),
     "link1_bending_stiffness": (2.0e6, {}),
     "link1_mass_per_length": (12.0, {}),
     "link2_length": (8.5, {"deployment_start": 2.5}),
@@ -243,7 +234,6 @@ ONLY_MEASURED = {
     "deflection_rate_resolution",
     "sensor_delay",
 }
-# The open-loop law is told the reported payload; its length and width alone enter the slew torque.
 
 
 def flown(options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,18 +1,18 @@
-"""The Stable-Baselines3 adapter against `DummyVecEnv` around single environments, and in training."""
+"""The Stable-Baselines3 adapter against `DummyVecEnv` around single environments; training."""
 
 from __future__ import annotations
 
 import warnings
 from typing import Any
 
-import drm_env
 import gymnasium as gym
 import numpy as np
 import pytest
 
+import drm_env
+
 sb3 = pytest.importorskip("stable_baselines3")
 
-from drm_env.sb3 import DrmSB3VecEnv, make_sb3_vec  # noqa: E402
 from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
 from stable_baselines3.common.monitor import Monitor  # noqa: E402
 from stable_baselines3.common.vec_env import (  # noqa: E402
@@ -21,6 +21,8 @@ from stable_baselines3.common.vec_env import (  # noqa: E402
     VecMonitor,
     VecNormalize,
 )
+
+from drm_env.sb3 import DrmSB3VecEnv, make_sb3_vec  # noqa: E402
 
 ID = "drm_env/Slew-v0"
 STAGGERED: dict[str, Any] = {
@@ -152,7 +154,7 @@ def test_images() -> None:
     assert mosaic is not None and mosaic.dtype == np.uint8
     silent = make_sb3_vec(ID, n_envs=2, monitor=False)
     silent.reset()
-    with pytest.warns(UserWarning, match="rgb_array"):
+    with pytest.warns(UserWarning, match=r"rgb_array"):
         assert silent.get_images() == [None, None]
 
 
@@ -162,7 +164,7 @@ def test_monitor_is_added_unless_declined() -> None:
 
 
 def test_environments_of_others_are_refused() -> None:
-    with pytest.raises(drm_env.ConfigError, match="Pendulum-v1"):
+    with pytest.raises(drm_env.ConfigError, match=r"Pendulum-v1"):
         make_sb3_vec("Pendulum-v1")
 
 
@@ -220,6 +222,6 @@ def test_action_errors_leave_the_batch_as_it_was() -> None:
     env.seed(0)
     env.reset()
     before = env.env_method("get_state")
-    with pytest.raises(drm_env.ActionError, match="finite"):
+    with pytest.raises(drm_env.ActionError, match=r"finite"):
         env.step(np.array([[0.0, 0.0], [0.0, np.nan]], np.float32))
     assert env.env_method("get_state") == before

@@ -12,13 +12,14 @@ import pickle
 import warnings
 from typing import Any
 
-import drm_env
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.wrappers.vector import DictInfoToList, NormalizeObservation, RecordEpisodeStatistics
+
+import drm_env
 
 ID = "drm_env/Slew-v0"
 # Horizons that the lanes share, so short that several episodes pass; and limits so narrow that
@@ -184,7 +185,10 @@ def test_lanes_are_the_single_environments(n: int) -> None:
     "options",
     [
         {"angle_noise": 1e-4, "deflection_rate_noise": 1e-3, "sensor_delay": (0.0, 0.02)},
-        {"deployment_mode": ["coincident", "none", "force_limited"], "slew_max_accel": (0.01, 0.04)},
+        {
+            "deployment_mode": ["coincident", "none", "force_limited"],
+            "slew_max_accel": (0.01, 0.04),
+        },
         {"particle_following": True, "axial_load": False, "tip_torque": "tip_only"},
         {"inner_law": "lyapunov", "control_period": 0.02, "action_rate_limit": 4.0},
         {"root_lag": (0.0, 0.02), "tip_dead_time": (0.0, 0.01), "tip_momentum_limit": 0.2},
@@ -223,10 +227,8 @@ def test_seed_forms() -> None:
     np.testing.assert_array_equal(by_number, env.reset(seed=np.int64(9))[0])  # type: ignore[arg-type]
     one = drm_env.DrmEnv(**SHORT)
     huge = 2**70
-    np.testing.assert_array_equal(
-        env.reset(seed=huge)[0][1], one.reset(seed=huge + 1)[0]
-    )
-    with pytest.raises(drm_env.ConfigError, match="seed must have 3 entries, got 2"):
+    np.testing.assert_array_equal(env.reset(seed=huge)[0][1], one.reset(seed=huge + 1)[0])
+    with pytest.raises(drm_env.ConfigError, match=r"seed must have 3 entries, got 2"):
         env.reset(seed=[1, 2])
 
 
@@ -250,7 +252,7 @@ def test_shared_arrays_are_read_only() -> None:
     env = native(2, AutoresetMode.NEXT_STEP, **SHORT)
     _, info = env.reset(seed=0)
     for key in ("context/payload_mass", "_context/payload_mass"):
-        with pytest.raises(ValueError, match="read-only"):
+        with pytest.raises(ValueError, match=r"read-only"):
             info[key][0] = 0
 
 
@@ -355,9 +357,9 @@ def test_attributes_of_sub_environments() -> None:
     env.set_attr("label", ["left", "right"])
     assert env.get_attr("label") == ("left", "right")
     assert len(env.call("get_state")) == 2
-    with pytest.raises(ValueError, match="length 2, got 3"):
+    with pytest.raises(ValueError, match=r"length 2, got 3"):
         env.set_attr("label", [1, 2, 3])
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match=r"no attribute 'nothing'"):
         env.get_attr("nothing")
 
 

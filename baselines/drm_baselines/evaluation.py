@@ -155,7 +155,12 @@ def fly_law(
         label=label or str(law["name"]),
         control_period=float(config.scenario.sample_period),
         seeds=seeds,
-        metrics={name: np.asarray(values, dtype=np.float64) for name, values in metrics.items()},
+        # A flight without a task pays no reward, and a return of zero would look like one.
+        metrics={
+            name: np.asarray(values, dtype=np.float64)
+            for name, values in metrics.items()
+            if name != "episode_return"
+        },
         context=_context(scenarios),
         details={"law": dict(law)},
     )

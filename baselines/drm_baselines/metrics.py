@@ -60,7 +60,7 @@ METRICS: dict[str, Metric] = {
             unit="deg",
             scale=_DEGREES,
             magnitude=True,
-            digits=4,
+            digits=3,
         ),
         Metric(name="overshoot", label="overshoot", unit="deg", scale=_DEGREES, digits=3),
         Metric(name="wheel_effort", label="wheel effort", unit="s"),

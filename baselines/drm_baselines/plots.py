@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from drm_baselines import storage
-from drm_baselines.metrics import HEADLINE, describe
-from drm_baselines.records import Episodes
+from drm_baselines.metrics import describe
+from drm_baselines.records import Episodes, headline
 from drm_baselines.statistics import Estimate
 
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -89,7 +89,7 @@ def plot_comparison(
     flights: Sequence[Episodes], path: Path, *, title: str, overwrite: bool = False
 ) -> Path:
     """Draw the headline metrics of each policy as points with their 95 % intervals."""
-    names = [name for name in HEADLINE if all(name in flight.metrics for flight in flights)]
+    names = headline(flights)
     columns = 3
     lines = -(-len(names) // columns)
     figure, axes = plt.subplots(
@@ -108,7 +108,8 @@ def plot_comparison(
             if not np.isfinite(shown.value):
                 axis.annotate("diverged", (0.5, place), xycoords=("axes fraction", "data"))
                 continue
-            spread = [[shown.value - shown.low], [shown.high - shown.value]]
+            # A percentile interval need not contain the estimate, least of all by rounding.
+            spread = [[max(0.0, shown.value - shown.low)], [max(0.0, shown.high - shown.value)]]
             if not np.isfinite(spread).all():
                 spread = [[0.0], [0.0]]
             axis.errorbar(

@@ -24,6 +24,8 @@ from drm_baselines import statistics, storage
 from drm_baselines.errors import BaselineError
 from drm_baselines.metrics import HEADLINE, describe
 
+_FRACTIONS = ("settled", "saturation", "diverged")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Episodes:
@@ -78,7 +80,9 @@ class Episodes:
         missing = np.isnan(values)
         if name == "settling_time" and {"duration", "slew_end_time"} <= self.metrics.keys():
             observed = self.metrics["duration"] - self.metrics["slew_end_time"]
-            values[missing] = np.maximum(observed, 0.0)[missing]
+            # Of an episode that ended before its slew did, not even a lower bound is known.
+            censored = missing & (observed > 0.0)
+            values[censored] = observed[censored]
             missing = np.isnan(values)
         values[missing] = -math.inf if metric.better == "higher" else math.inf
         return np.abs(values) if metric.magnitude else values
@@ -86,7 +90,7 @@ class Episodes:
     def estimate(self, name: str) -> statistics.Estimate:
         """Return the aggregate of one metric in SI: interquartile mean, or a plain fraction."""
         values = self.judged(name)
-        if name in ("settled", "saturation", "diverged"):
+        if name in _FRACTIONS:
             return statistics.mean_estimate(values)
         return statistics.interquartile_estimate(values)
 
@@ -103,6 +107,19 @@ class Episodes:
                 if name not in ("duration", "slew_end_time")
             },
         }
+
+
+def headline(flights: Sequence[Episodes]) -> list[str]:
+    """Return the headline metrics that all flights have and that say something.
+
+    A metric that is undefined in every episode (nothing flew past the end of the slew) does not.
+    """
+    return [
+        name
+        for name in HEADLINE
+        if all(name in flight.metrics for flight in flights)
+        and any(np.isfinite(flight.judged(name)).any() for flight in flights)
+    ]
 
 
 def comparison(candidate: Episodes, reference: Episodes) -> dict[str, Any]:
@@ -123,9 +140,9 @@ def comparison(candidate: Episodes, reference: Episodes) -> dict[str, Any]:
             candidate.judged(name),
             reference.judged(name),
             higher_is_better=describe(name).better == "higher",
+            trimmed=name not in _FRACTIONS,
         ).to_dict()
-        for name in HEADLINE
-        if name in candidate.metrics and name in reference.metrics
+        for name in headline([candidate, reference])
     }
 
 

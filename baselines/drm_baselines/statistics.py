@@ -53,7 +53,7 @@ class Estimate:
 class PairedComparison:
     """How a candidate compares with a reference on the same episodes.
 
-    ``difference`` is the interquartile mean of candidate minus reference; ``improvement`` the
+    ``difference`` is the (interquartile) mean of candidate minus reference; ``improvement`` the
     share of episodes where the candidate is better (ties count half).
     """
 
@@ -150,7 +150,12 @@ def mean_estimate(values: ArrayLike, *, seed: int = 0) -> Estimate:
 
 
 def compare_paired(
-    candidate: ArrayLike, reference: ArrayLike, *, higher_is_better: bool = False, seed: int = 0
+    candidate: ArrayLike,
+    reference: ArrayLike,
+    *,
+    higher_is_better: bool = False,
+    trimmed: bool = True,
+    seed: int = 0,
 ) -> PairedComparison:
     """Compare two policies over the same episodes, row by row.
 
@@ -162,6 +167,8 @@ def compare_paired(
         Metric of the reference for the same episodes in the same order.
     higher_is_better
         Direction of the metric.
+    trimmed
+        Whether the difference is an interquartile mean, or a plain mean (for fractions).
     seed
         Fixes the bootstrap's resampling.
 
@@ -178,7 +185,7 @@ def compare_paired(
         difference = np.where(first == second, 0.0, first - second)
     gain = difference if higher_is_better else -difference
     wins = np.where(gain > 0.0, 1.0, np.where(gain == 0.0, 0.5, 0.0))
-    estimate = interquartile_estimate(difference, seed=seed)
+    estimate = _estimate(_vector(difference, "difference"), seed, trimmed=trimmed)
     above, below = estimate.low > 0.0, estimate.high < 0.0
     return PairedComparison(
         difference=estimate,

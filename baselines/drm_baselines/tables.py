@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
 
-from drm_baselines.metrics import HEADLINE, Metric, describe
-from drm_baselines.records import Episodes
+from drm_baselines.metrics import Metric, describe
+from drm_baselines.records import Episodes, headline
 from drm_baselines.statistics import Estimate
+
+_WIDE = 128
 
 
 def number(value: float, digits: int) -> str:
@@ -22,44 +25,52 @@ def number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}"
 
 
-def interval(estimate: Estimate, metric: Metric) -> str:
+def interval(estimate: Estimate, metric: Metric, *, separator: str = " ") -> str:
     """Return ``value [low, high]`` in the metric's display unit."""
     shown = estimate.scaled(metric.scale)
     digits = metric.digits
     return (
-        f"{number(shown.value, digits)} [{number(shown.low, digits)}, {number(shown.high, digits)}]"
+        f"{number(shown.value, digits)}{separator}"
+        f"[{number(shown.low, digits)}, {number(shown.high, digits)}]"
     )
 
 
 def _heading(name: str) -> str:
     metric = describe(name)
-    return f"{metric.label}\n({metric.unit})" if metric.unit else metric.label
+    words = [*metric.label.split(), f"({metric.unit})"] if metric.unit else metric.label.split()
+    return "\n".join(textwrap.wrap(" ".join(words), 11, break_long_words=False))
 
 
-def comparison_table(flights: Sequence[Episodes], *, title: str) -> Table:
-    """Return one row a policy: interquartile means with their 95 % intervals.
+def comparison_tables(flights: Sequence[Episodes], *, title: str, width: int) -> list[Table]:
+    """Return one row a policy: interquartile means with their 95 % intervals below.
 
     The settling time counts censored episodes with the time observed (see
     :meth:`drm_baselines.records.Episodes.judged`), so it reads beside the settled fraction.
+    On a terminal narrower than ``_WIDE`` characters the columns come as two tables.
     """
-    names = [name for name in HEADLINE if all(name in flight.metrics for flight in flights)]
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("policy")
-    table.add_column("decides\nevery", justify="right")
-    for name in names:
-        table.add_column(_heading(name), justify="right")
-    for flight in flights:
-        table.add_row(
-            flight.label,
-            f"{flight.control_period * 1e3:g} ms",
-            *(interval(flight.estimate(name), describe(name)) for name in names),
-        )
-    table.caption = (
+    names = headline(flights)
+    half = -(-len(names) // 2)
+    groups = [names] if width >= _WIDE else [names[:half], names[half:]]
+    tables = []
+    for group in groups:
+        table = Table(title_justify="left", header_style="bold", show_lines=False)
+        table.add_column("policy", min_width=14)
+        table.add_column("decides\nevery", justify="right", no_wrap=True)
+        for name in group:
+            table.add_column(_heading(name), justify="right", no_wrap=True)
+        for flight in flights:
+            cells = (
+                interval(flight.estimate(name), describe(name), separator="\n") for name in group
+            )
+            table.add_row(flight.label, f"{flight.control_period * 1e3:g} ms", *cells)
+        tables.append(table)
+    tables[0].title = title
+    tables[-1].caption = (
         f"Interquartile mean over {len(flights[0])} episodes with its 95 % bootstrap interval; "
         "settled: mean. An episode that never settles counts with the whole time after the slew."
     )
-    table.caption_justify = "left"
-    return table
+    tables[-1].caption_justify = "left"
+    return tables
 
 
 def metrics_table(rows: Mapping[str, Mapping[str, float]], *, title: str) -> Table:

@@ -196,7 +196,8 @@ class _Monitor(BaseCallback):
         if now - self._shown > 0.25:
             self._shown = now
             self._watcher.advanced(self.num_timesteps, self._recent)
-        if self.num_timesteps >= self._run.next_evaluation:
+        # The last point belongs to the finished policy, after the update that follows this step.
+        if self._run.request.steps > self._run.next_evaluation <= self.num_timesteps:
             self._run.evaluate(self._watcher)
             self._run.save("running")
         return not self._stop.is_set()
@@ -231,8 +232,8 @@ class _Run:
         self.record = record
         self.model = model
         self.config = config
-        self._request = request
-        self._spacing = max(1, request.steps // max(1, request.evaluations))
+        self.request = request
+        self._spacing = max(1, -(-request.steps // max(1, request.evaluations)))
         self._started = time.monotonic()
         self._before = record.wall_time
         self._begun = model.num_timesteps
@@ -290,7 +291,7 @@ class _Run:
             self.record.env_id,
             self.config,
             seed=CURVE_SEED,
-            episodes=self._request.evaluation_episodes,
+            episodes=self.request.evaluation_episodes,
             label="learned",
         )
         point = {"steps": float(self.model.num_timesteps), "wall_time": wall_time}

@@ -9,7 +9,7 @@ use crate::arm::{non_negative, positive};
 use crate::control::Law;
 use crate::error::ConfigError;
 use crate::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
-use crate::rng::Stream;
+use crate::rng::{Purpose, Seed, Stream};
 use crate::scenario::Scenario;
 
 /// What an agent may drive.
@@ -320,7 +320,9 @@ impl EnvConfig {
         let mut document =
             serde_json::to_value(&base).map_err(|e| ConfigError::form("configuration", e))?;
         if let Some(text) = config {
-            overlay(&mut document, object("config", text)?);
+            let parts = object("config", text)?;
+            release_fixed(&mut document, &parts);
+            overlay(&mut document, parts);
         }
         if let Some(text) = options {
             for (name, value) in object("options", text)? {
@@ -380,14 +382,16 @@ impl EnvConfig {
     /// other draws.
     pub fn draw(
         &self,
-        stream: &mut Stream,
+        seed: Seed,
+        episode: u64,
         overrides: &[&Overrides],
     ) -> Result<Scenario, ConfigError> {
         let mut scenario = self.scenario;
         let drawn = self.randomize.distributions();
         for (parameter, distribution) in PARAMETERS.iter().zip(drawn) {
             if let Some(distribution) = distribution {
-                parameter.set(&mut scenario, &distribution.draw(stream))?;
+                let mut stream = Stream::new(seed, episode, Purpose::Parameter(parameter.name));
+                parameter.set(&mut scenario, &distribution.draw(&mut stream))?;
             }
         }
         for (index, setting) in overrides.iter().flat_map(|list| list.iter()) {
@@ -523,6 +527,20 @@ fn overlay(document: &mut Value, parts: Map<String, Value>) {
     }
 }
 
+/// A scenario parameter that is given is no longer drawn, unless its distribution is given too.
+fn release_fixed(document: &mut Value, parts: &Map<String, Value>) {
+    let Some(scenario) = parts.get("scenario") else {
+        return;
+    };
+    for parameter in PARAMETERS {
+        let pointer = format!("/{}", parameter.path.replace('.', "/"));
+        let drawn = parts.get("randomize").and_then(|r| r.get(parameter.name));
+        if scenario.pointer(&pointer).is_some() && drawn.is_none() {
+            document["randomize"][parameter.name] = Value::Null;
+        }
+    }
+}
+
 fn is_distribution(value: &Value) -> bool {
     value.as_object().is_some_and(|fields| {
         fields.len() == 1
@@ -559,6 +577,12 @@ fn apply_option(document: &mut Value, name: &str, value: Value) -> Result<(), Co
         return Ok(());
     }
     if let Some((_, path, _, _)) = OPTIONS.iter().find(|(option, ..)| *option == name) {
+        if name == "scenario" {
+            release_fixed(
+                document,
+                &Map::from_iter([(name.to_owned(), value.clone())]),
+            );
+        }
         place(document, path, value);
         return Ok(());
     }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{Actuator, EnvConfig, context};
 use crate::control::WheelTorques;
+use crate::distribution::Setting;
 use crate::error::{ConfigError, Error, SimulationError, SnapshotError};
 use crate::flight::{Flight, FlightState, Plan};
 use crate::metrics::Metrics;
@@ -58,7 +59,8 @@ struct Saved {
     seed: Seed,
     episode: u64,
     phase: Phase,
-    persistent: Overrides,
+    /// Position, number or none, name: the compact format cannot tell a number from a name.
+    persistent: Vec<(usize, Option<f64>, String)>,
     scenario: Scenario,
     flight: FlightState,
     steps: u64,
@@ -82,7 +84,7 @@ impl Env {
     pub fn new(config: Arc<EnvConfig>) -> Result<Self, ConfigError> {
         config.validate()?;
         let seed = Seed::default();
-        let scenario = config.draw(&mut Stream::new(seed, 0, Purpose::Scenario), &[])?;
+        let scenario = config.draw(seed, 0, &[])?;
         let flight = Flight::new(
             Plan::new(&scenario)?,
             Stream::new(seed, 0, Purpose::Sensors),
@@ -121,8 +123,7 @@ impl Env {
             (None, Phase::Fresh) => (self.seed, 0),
             (None, _) => (self.seed, self.episode + 1),
         };
-        let mut stream = Stream::new(seed, episode, Purpose::Scenario);
-        let scenario = self.config.draw(&mut stream, &[&self.persistent, once])?;
+        let scenario = self.config.draw(seed, episode, &[&self.persistent, once])?;
         let plan = Plan::new(&scenario)?;
         self.flight = Flight::new(plan, Stream::new(seed, episode, Purpose::Sensors));
         self.seed = seed;
@@ -145,8 +146,7 @@ impl Env {
     /// # Errors
     /// Settings with which the configuration cannot be flown; nothing has changed then.
     pub fn set_context(&mut self, settings: Overrides) -> Result<(), ConfigError> {
-        let mut stream = Stream::new(self.seed, self.episode, Purpose::Scenario);
-        self.config.draw(&mut stream, &[&settings])?;
+        self.config.draw(self.seed, self.episode, &[&settings])?;
         self.persistent = settings;
         Ok(())
     }
@@ -312,7 +312,14 @@ impl Env {
             seed: self.seed,
             episode: self.episode,
             phase: self.phase,
-            persistent: self.persistent.clone(),
+            persistent: self
+                .persistent
+                .iter()
+                .map(|(index, setting)| match setting {
+                    Setting::Number(value) => (*index, Some(*value), String::new()),
+                    Setting::Name(name) => (*index, None, name.clone()),
+                })
+                .collect(),
             scenario: *self.scenario(),
             flight: self.flight.state().clone(),
             steps: self.steps,
@@ -367,6 +374,9 @@ impl Env {
         if saved.observation.len() != self.observation.len() {
             return Err(damaged(&"the observation has another length").into());
         }
+        if saved.persistent.iter().any(|(index, ..)| *index >= COUNT) {
+            return Err(damaged(&"it names an unknown parameter").into());
+        }
         let plan = Plan::new(&saved.scenario).map_err(|e| damaged(&e))?;
         let mut flight = Flight::new(plan, Stream::new(saved.seed, 0, Purpose::Sensors));
         flight.set_state(saved.flight);
@@ -374,7 +384,13 @@ impl Env {
         self.seed = saved.seed;
         self.episode = saved.episode;
         self.phase = saved.phase;
-        self.persistent = saved.persistent;
+        self.persistent = saved
+            .persistent
+            .into_iter()
+            .map(|(index, number, name)| {
+                (index, number.map_or(Setting::Name(name), Setting::Number))
+            })
+            .collect();
         self.steps = saved.steps;
         self.action = saved.action;
         self.terms = saved.terms;
@@ -411,6 +427,6 @@ fn fingerprint(config: &EnvConfig) -> u64 {
 pub fn sample_scenarios(config: &EnvConfig, seeds: &[Seed]) -> Result<Vec<Scenario>, ConfigError> {
     seeds
         .iter()
-        .map(|&seed| config.draw(&mut Stream::new(seed, 0, Purpose::Scenario), &[]))
+        .map(|&seed| config.draw(seed, 0, &[]))
         .collect()
 }

@@ -13,8 +13,8 @@ pub struct Seed([u64; 4]);
 /// What a stream is used for; streams of one episode do not overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// Drawing the episode's scenario.
-    Scenario,
+    /// Drawing one scenario parameter, by its flat name: drawing one more moves no other.
+    Parameter(&'static str),
     /// Sensor noise.
     Sensors,
 }
@@ -64,7 +64,12 @@ impl Stream {
     pub fn new(seed: Seed, episode: u64, purpose: Purpose) -> Self {
         let mut words = seed.0;
         absorb(&mut words, episode);
-        absorb(&mut words, purpose as u64);
+        match purpose {
+            Purpose::Sensors => absorb(&mut words, 0),
+            Purpose::Parameter(name) => {
+                absorb(&mut words, 1 + u64::from(crc32fast::hash(name.as_bytes())));
+            }
+        }
         let wide = |high: u64, low: u64| (u128::from(high) << 64) | u128::from(low);
         Self(Pcg64::new(
             wide(words[0], words[1]),
@@ -96,9 +101,13 @@ mod tests {
 
     #[test]
     fn first_values_of_a_seed_never_change() {
-        let mut stream = Stream::new(Seed::from_u64(2024), 3, Purpose::Scenario);
+        let mut stream = Stream::new(Seed::from_u64(2024), 3, Purpose::Parameter("payload_mass"));
         let first: Vec<u64> = (0..2).map(|_| stream.uniform().to_bits()).collect();
-        let mut again = Stream::new(Seed::from_le_bytes(&[0xe8, 7]), 3, Purpose::Scenario);
+        let mut again = Stream::new(
+            Seed::from_le_bytes(&[0xe8, 7]),
+            3,
+            Purpose::Parameter("payload_mass"),
+        );
         assert_eq!(first[0], again.uniform().to_bits());
         assert_ne!(first[0], first[1]);
     }
@@ -108,7 +117,11 @@ mod tests {
         let mut seen = std::collections::HashSet::new();
         for seed in 0..50 {
             for episode in 0..10 {
-                for purpose in [Purpose::Scenario, Purpose::Sensors] {
+                for purpose in [
+                    Purpose::Parameter("payload_mass"),
+                    Purpose::Parameter("mass_error"),
+                    Purpose::Sensors,
+                ] {
                     let mut stream = Stream::new(Seed::from_u64(seed), episode, purpose);
                     assert!(seen.insert(stream.uniform().to_bits()));
                 }

@@ -25,9 +25,14 @@ RENDER_SIZE = (800, 450)
 _FLOAT32 = np.dtype(np.float32)
 
 
-def action_box(size: int) -> gym.spaces.Box:
+def action_box(size: int) -> gym.spaces.Box[np.float32]:
     """The symmetric action space of ``size`` actuators."""
     return gym.spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+
+def observation_box(low: NDArray[np.float32], high: NDArray[np.float32]) -> gym.spaces.Box[np.float32]:
+    """The observation space between two arrays of shape (n,)."""
+    return gym.spaces.Box(low, high, dtype=np.float32)
 
 
 def convert_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:

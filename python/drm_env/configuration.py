@@ -13,11 +13,20 @@ import os
 import tomllib
 import types
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 
@@ -41,8 +50,6 @@ __all__ = [
 
 ConfigLike = Union["EnvConfig", Mapping[str, Any], str, os.PathLike[str], None]
 """What ``config=`` takes: an `EnvConfig`, its dict, or a path to a JSON or TOML file."""
-
-_T = TypeVar("_T")
 
 
 @cache
@@ -238,13 +245,8 @@ def config_from_json(text: str) -> EnvConfig:
     """The `EnvConfig` of complete JSON text, as `resolve` returns it."""
     from drm_env._config import EnvConfig
 
-    return _build(EnvConfig, json.loads(text))
-
-
-def _build(kind: type[_T], data: Any) -> _T:
-    """An instance of a (possibly nested, possibly optional) annotated type from JSON data."""
-    built: _T = _convert(kind, data)
-    return built
+    config: EnvConfig = _convert(EnvConfig, json.loads(text))
+    return config
 
 
 @cache
@@ -253,54 +255,36 @@ def _hints(kind: type[Any]) -> dict[str, Any]:
 
 
 def _convert(kind: Any, data: Any) -> Any:
+    """JSON data as what an annotation asks for; lists become tuples, like the defaults."""
     origin = get_origin(kind)
+    if origin is Annotated:
+        return _convert(get_args(kind)[0], data)
     if origin in (Union, types.UnionType):
         return _convert_union(get_args(kind), data)
-    if dataclasses.is_dataclass(kind) and isinstance(data, dict):
+    if isinstance(data, dict) and dataclasses.is_dataclass(kind):
         hints = _hints(kind)  # type: ignore[arg-type]
-        names = {item.name for item in dataclasses.fields(kind)}
-        if not set(data) <= names:
-            raise TypeError(f"{kind} does not take {sorted(set(data) - names)}")
-        return kind(**{name: _convert(hints[name], item) for name, item in data.items()})  # type: ignore[operator]
-    if origin in (list, tuple) and isinstance(data, list):
-        arguments = get_args(kind)
-        return [_convert(arguments[0] if arguments else Any, item) for item in data]
-    if origin in (dict, Mapping) and isinstance(data, dict):
-        return {key: _convert(get_args(kind)[1], item) for key, item in data.items()}
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return kind(data)
+        fields = {name: _convert(hints[name], item) for name, item in data.items()}
+        return kind(**fields)  # type: ignore[operator]
+    if isinstance(data, list) and origin is Sequence:
+        (item_kind,) = get_args(kind)
+        return tuple(_convert(item_kind, item) for item in data)
     return data
 
 
 def _convert_union(kinds: tuple[Any, ...], data: Any) -> Any:
     """The first member of a union that the data fits."""
-    if isinstance(data, dict):
-        for kind in kinds:
-            if dataclasses.is_dataclass(kind):
-                try:
-                    built = _convert(kind, data)
-                except (TypeError, ValueError):
-                    continue
-                if _literals_fit(kind, built):
-                    return built
-        mappings = [kind for kind in kinds if get_origin(kind) is dict]
-        return _convert(mappings[0], data) if mappings else data
-    if isinstance(data, list):
-        lists = [kind for kind in kinds if get_origin(kind) in (list, tuple)]
-        return _convert(lists[0], data) if lists else data
     for kind in kinds:
-        if isinstance(kind, type) and issubclass(kind, Enum):
-            try:
-                return kind(data)
-            except ValueError:
-                continue
+        if isinstance(data, dict) and dataclasses.is_dataclass(kind) and _fits(kind, data):
+            return _convert(kind, data)
+        if isinstance(data, list) and get_origin(kind) is Sequence:
+            return _convert(kind, data)
     return data
 
 
-def _literals_fit(kind: Any, built: Any) -> bool:
-    """Whether the fields annotated with ``Literal`` hold one of their values."""
+def _fits(kind: Any, data: dict[str, Any]) -> bool:
+    """Whether a dataclass has these fields, and its ``Literal`` ones these values."""
+    hints = _hints(kind)
     return all(
-        getattr(built, name) in get_args(hint)
-        for name, hint in _hints(kind).items()
-        if get_origin(hint) is Literal
+        name in hints and (get_origin(hints[name]) is not Literal or item in get_args(hints[name]))
+        for name, item in data.items()
     )

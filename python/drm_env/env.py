@@ -23,6 +23,7 @@ from drm_env._common import (
     convert_action,
     end_info,
     json_spec,
+    observation_box,
     seed_bytes,
 )
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
@@ -40,7 +41,110 @@ _TIP_VIBRATION, _SLEW_ERROR, _EFFORT = REWARD_KEYS
 
 
 class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """DOCSTRING_PLACEHOLDER."""
+    """A slewing, extending, flexible arm with two small reaction wheels, in closed loop.
+
+    Link 1 turns about a shoulder while link 2 slides out of it (or in) along a prescribed
+    profile; both bend, and a payload is fixed to the tip. An open-loop torque of the slew motor,
+    computed for the payload *as reported*, moves the rigid arm along the reference exactly if the
+    report is true. The agent drives the reaction wheels at the shoulder and at the tip (in some
+    tasks the slew motor too) against what is left: vibration, and a slew error that grows with the
+    error of the reported mass.
+
+    Units are SI and radians throughout.
+
+    Action space
+    ------------
+    ``Box(-1, 1, (k,), float32)``, held for one control period. Values beyond the box are clipped,
+    since the exploration noise of many libraries exceeds it.
+
+    ===  ==============  ===========================================  =====================
+    no.  actuator        action 1 is                                  in task
+    ===  ==============  ===========================================  =====================
+    0    ``root_wheel``  +100 N m (``root_torque_limit``)             all
+    1    ``tip_wheel``   +10 N m (``tip_torque_limit``)               all
+    2    ``slew_motor``  +5000 N m (``slew_motor_torque_limit``)      ``"slew_direct"``
+    ===  ==============  ===========================================  =====================
+
+    With an inner law (``"slew_residual"``) the wheels' torques are added to the law's, before
+    saturation.
+
+    Observation space
+    -----------------
+    ``Box(-100, 100, (n,), float32)``: each entry is its value divided by the scale below, of order
+    one in normal operation and clipped at 100. `observation_layout` lists the entries of an
+    environment in order. A *fine* entry is asinh(x / x0), which resolves errors over four decades;
+    x0 is 1e-5 (rad, rad/s, m) and 1e-4 m/s.
+
+    =====================================================  =========  ============
+    entry                                                  unit       scale
+    =====================================================  =========  ============
+    ``slew_error`` (from the reference), ``.._fine``       rad        0.1, 9.9
+    ``slew_error_rate``, ``.._fine``                       rad/s      0.02, 8.3
+    ``slew_angle``, ``slew_rate``                          rad, ./s   1, 0.2
+    ``link2_deflection`` (of link 2's tip), ``.._fine``    m          0.05, 9.2
+    ``link2_deflection_rate``, ``.._fine``                 m/s        0.5, 9.2
+    ``reference_angle``, ``.._rate``, ``.._accel``         rad, ...   1, 0.2, 0.02
+    ``extension``, ``.._rate``, ``.._accel``               m, ...     8, 1, 0.2
+    ``time_left`` (in the slew)                            s          20
+    ``payload_mass``, ``.._length``, ``.._width``          kg, m, m   500, 2, 1
+    ``slew_torque``, ``root_torque``, ``tip_torque``       N m        2000, 100, 10
+    ``root_momentum``, ``tip_momentum`` (stored)           N m s      500, 50
+    ``reference_accel+0.1s``, ``extension+0.1s``, ...      rad/s^2,m  0.02, 8
+    =====================================================  =========  ============
+
+    The first four rows are measured, with the sensors' noise, resolution and delay; the rest is
+    known. The payload is the reported one unless ``observe_payload`` says otherwise. The last row
+    previews each of ``preview_times``. With ``observation_history`` = h > 1 the last h frames are
+    stacked, older ones first, their names ending in ``@-1``, ``@-2``, ...
+
+    Reward
+    ------
+    The sum of three terms, each at most zero and named in the info: ``reward/tip_vibration``,
+    ``reward/slew_error`` and ``reward/effort``. The first two grow with the logarithm of the
+    errors at the tip, ln(1 + x / 0.1 mm), where x is the amplitude of the tip's vibration and the
+    slew error with its rate, each taken to the tip in metres; the third with the squared torque
+    fractions. Weights and scales are the option ``reward``.
+
+    Start of an episode
+    -------------------
+    A manoeuvre is drawn: by default (``"slew"``) 50 deg at 0.02 rad/s^2 in minimum time while link
+    2 deploys from 1 m to 8 m, with a payload of 50 to 500 kg, reported wrong by up to 15 %. The
+    arm starts at rest. ``reset(options={"payload_mass": 320.0})`` fixes parameters for one episode,
+    `set_context` until changed. The true parameters are in every info as ``context/...``, numbers
+    throughout (a name is its position among the alternatives, a limit that is not set infinite).
+
+    End of an episode
+    -----------------
+    *Termination*: the slew error or the tip deflection exceeds ``limits``, or the state is no
+    longer finite; the rest of the horizon is then charged as if the limit were held, so that
+    ending early never pays. *Truncation*: the horizon (20 s) is over. Reaching the target does not
+    end the episode. The last info holds ``metrics/...``, ``diverged`` and ``is_success``
+    (settled: |tip deflection| <= 1 mm and slew error at the tip <= 10 mm to the end).
+
+    Parameters
+    ----------
+    task : str
+        The defaults: ``"slew"``, ``"slew_residual"``, ``"slew_thesis"`` or ``"slew_direct"``, the
+        tasks behind ``drm_env/Slew-v0``, ``SlewResidual-v0``, ``SlewThesis-v0``, ``SlewDirect-v0``.
+    config : EnvConfig, mapping or path, optional
+        What replaces defaults; a path to a JSON or TOML file.
+    render_mode : str, optional
+        ``"rgb_array"``, ``"ansi"``, or ``"human"``: a window if pygame is installed, else text in
+        the terminal.
+    **options
+        Any of `drm_env.option_names`. Parameters of the manoeuvre take a number (or name), which
+        fixes them; a tuple ``(low, high)``, drawn uniformly for each episode; a list of choices;
+        or a distribution of `drm_env.distributions`.
+
+    Raises
+    ------
+    ConfigError
+        An unknown name or an impossible value, with its path and the value.
+
+    Notes
+    -----
+    Version history: v0, the first.
+    """
 
     metadata = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 25}  # noqa: RUF012
 
@@ -52,13 +156,6 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        """Makes the environment; see the class for the arguments.
-
-        Raises
-        ------
-        ConfigError
-            an unknown name or an impossible value, with its path and the value.
-        """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(
                 f"render_mode must be one of {self.metadata['render_modes']} or None, "
@@ -68,7 +165,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._engine = _engine.Env(self._config_json)
         self.render_mode = render_mode
         low, high = bounds(self.observation_layout)
-        self.observation_space = gym.spaces.Box(low, high, dtype=np.float32)
+        self.observation_space = observation_box(low, high)
         self.action_space = action_box(self._engine.action_size)
         self._action_shape = (self._engine.action_size,)
         self._horizon_steps = self._engine.horizon_steps
@@ -80,7 +177,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     # -- Gymnasium ---------------------------------------------------------------------------
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+    def spec(self) -> EnvSpec | None:
         """The specification this environment was made from, ``None`` if not through ``gym.make``.
 
         ``max_episode_steps`` is the number of steps in the horizon.
@@ -158,6 +255,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             type(action) is not np.ndarray
             or action.dtype is not _FLOAT32
             or action.shape != self._action_shape
+            or not action.flags.c_contiguous
         ):
             action = convert_action(action, self._action_shape)
         observation, reward, terminated, truncated, terms = self._engine.step(action)
@@ -170,7 +268,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._viewer().advance(self._engine, self.control_period)
         return observation, reward, terminated, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | str | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | str | None:
         """The present state as a picture.
 
         Returns
@@ -319,10 +417,8 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         state = state.copy()
         snapshot = state.pop("_snapshot")
-        if snapshot is None:
-            engine = ClosedEngine()
-        else:
-            engine = _engine.Env(state["_config_json"])
+        engine = ClosedEngine() if snapshot is None else _engine.Env(state["_config_json"])
+        if snapshot is not None:
             engine.set_state(snapshot)
         self.__dict__.update(state)
-        self._engine = engine
+        self._engine = engine  # type: ignore[assignment]

@@ -38,11 +38,12 @@ from drm_env._common import (
     action_box,
     convert_action,
     json_spec,
+    observation_box,
     seed_bytes,
 )
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
 from drm_env.env import DrmEnv
-from drm_env.errors import ConfigError
+from drm_env.errors import ConfigError, ResetNeededError
 from drm_env.lane import Lane
 from drm_env.observation import ObservationEntry, bounds, layout_of
 
@@ -107,13 +108,6 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         config: ConfigLike = None,
         **options: Any,
     ) -> None:
-        """Makes the batch; see the class for the arguments.
-
-        Raises
-        ------
-        ConfigError
-            an unknown name or an impossible value, with its path and the value.
-        """
         num_envs = count("num_envs", num_envs)
         if max_episode_steps is not None:
             max_episode_steps = count("max_episode_steps", max_episode_steps)
@@ -145,7 +139,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self._observation_size = self._engine.observation_size
 
         low, high = bounds(self.observation_layout)
-        self.single_observation_space = gym.spaces.Box(low, high, dtype=np.float32)
+        self.single_observation_space = observation_box(low, high)
         self.single_action_space = action_box(self._engine.action_size)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -174,7 +168,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     # -- Gymnasium ---------------------------------------------------------------------------
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+    def spec(self) -> EnvSpec | None:
         """The specification that ``gym.make_vec`` made this environment from, else ``None``."""
         return self._spec
 
@@ -236,7 +230,9 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     def _reset(
         self, seeds: list[int | None], texts: list[str | None], mask: NDArray[np.bool_] | None
     ) -> Observations:
-        if mask is None and not self._seeded:
+        if mask is not None and not self._seeded:
+            raise ResetNeededError("reset_mask needs a reset of every sub-environment before")
+        if not self._seeded:
             missing = [index for index, value in enumerate(seeds) if value is None]
             drawn = self.np_random.integers(2**63, size=len(missing))
             for index, value in zip(missing, drawn.tolist(), strict=True):
@@ -294,6 +290,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             type(actions) is not np.ndarray
             or actions.dtype is not _FLOAT32
             or actions.shape != self._action_shape
+            or not actions.flags.c_contiguous
         ):
             actions = convert_action(actions, self._action_shape)
         buffers = self._allocate() if self.copy else self._buffers

@@ -336,6 +336,11 @@ def energies(arm: Arm, q: Array, q_rate: Array, deployment: Deployment) -> tuple
     return float(_kinetic(s).value) - (float(_potential(s).value) - static), static
 
 
+def potential(arm: Arm, q: Array, q_rate: Array, deployment: Deployment) -> float:
+    """V of L = T - V (J): bending and the whole axial load, its centrifugal part included."""
+    return float(_potential(_State(arm, q, q_rate, deployment)).value)
+
+
 def angular_momentum(arm: Arm, q: Array, q_rate: Array, deployment: Deployment) -> float:
     """dL/dtheta' (kg m^2/s)."""
     s = _State(arm, q, q_rate, deployment)

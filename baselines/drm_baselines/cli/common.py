@@ -25,7 +25,8 @@ from rich.progress import (
 import drm_env
 from drm_baselines.errors import BaselineError
 
-console = Console()
+# A file or a pipe has no width of its own: tables then come at full width.
+console = Console(width=None if sys.stdout.isatty() else 132)
 errors = Console(stderr=True)
 
 SET_HELP = (
@@ -34,7 +35,8 @@ SET_HELP = (
     "anything else, such as '{\"log_uniform\": [10, 1000]}'. May be repeated."
 )
 
-_RANGE = re.compile(r"^\s*(?P<low>[-+0-9.eE]+?)\.\.(?P<high>[-+0-9.eE]+)\s*$")
+_NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
+_RANGE = re.compile(rf"(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})")
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -62,12 +64,9 @@ def parse_value(text: str) -> Any:
 
     ``LOW..HIGH`` is a tuple (a range), JSON is what it says, anything else is a name.
     """
-    match = _RANGE.match(text)
+    match = _RANGE.fullmatch(text)
     if match:
-        try:
-            return float(match["low"]), float(match["high"])
-        except ValueError:
-            return text
+        return float(match["low"]), float(match["high"])
     try:
         return json.loads(text)
     except json.JSONDecodeError:

@@ -18,7 +18,7 @@ from drm_baselines.comparison import (
     write_comparison,
 )
 from drm_baselines.evaluation import episode_seeds
-from drm_baselines.tables import comparison_table, paired_table
+from drm_baselines.tables import comparison_tables, paired_table
 
 
 @guarded
@@ -63,7 +63,9 @@ def compare(
     if as_json:
         typer.echo(json.dumps(storage.plain(report), indent=2))
     else:
-        console.print(comparison_table(flights, title=f"{env_id}, seeds {seed}.."))
+        console.print(
+            *comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width)
+        )
         for label, entry in report["paired"]["candidates"].items():
             console.print(
                 paired_table(entry, title=f"{label} minus {report['paired']['reference']}")

@@ -33,7 +33,7 @@ from drm_baselines.metrics import describe
 from drm_baselines.policies import LAWS
 from drm_baselines.records import Episodes
 from drm_baselines.statistics import Estimate
-from drm_baselines.tables import comparison_table, metrics_table, paired_table
+from drm_baselines.tables import comparison_tables, metrics_table, paired_table
 
 ENV_ID = "drm_env/SlewResidual-v0"
 STEPS = 5_000_000
@@ -187,8 +187,9 @@ def demo(
     report = report_of(flights, arena, reference=inner.label)
     console.print()
     console.print(
-        comparison_table(
+        *comparison_tables(
             flights,
+            width=console.width,
             title="payload 50 to 500 kg, its reported mass wrong by up to 15 %: "
             f"{episodes} episodes that no training has seen",
         )

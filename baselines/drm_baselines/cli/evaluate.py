@@ -15,7 +15,7 @@ from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation import config_data, episode_seeds
 from drm_baselines.network import load_policy
 from drm_baselines.records import write_records
-from drm_baselines.tables import comparison_table
+from drm_baselines.tables import comparison_tables
 
 
 @guarded
@@ -80,7 +80,9 @@ def evaluate(
     if as_json:
         typer.echo(json.dumps(storage.plain(report), indent=2))
     else:
-        console.print(comparison_table(flights, title=f"{env_id}, seeds {seed}.."))
+        console.print(
+            *comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width)
+        )
     files: list[Path] = []
     if records is not None:
         files += write_records(

@@ -12,6 +12,7 @@ use drm_env::rollout::SIGNAL_NAMES;
 use drm_env::scenario::Scenario;
 use drm_env::{env, rollout as flights};
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{In1, In2, Out1, Out2};
 use crate::env::scenario_text;
@@ -209,7 +210,11 @@ impl Law {
         start: In1<'py, bool>,
     ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>)> {
         let n = start.shape()[0];
-        check_shape("measurements", measurements.shape(), &[n, MEASUREMENTS.len()])?;
+        check_shape(
+            "measurements",
+            measurements.shape(),
+            &[n, MEASUREMENTS.len()],
+        )?;
         check_shape("state", state.shape(), &[n, 3])?;
         let rows = measurements.slice().as_chunks::<{ MEASUREMENTS.len() }>().0;
         let memories = state.slice().as_chunks::<3>().0;
@@ -224,8 +229,16 @@ impl Law {
 
 impl Law {
     fn one(&self, row: &[f64; 8], memory: &[f64; 3], start: bool) -> ([f64; 2], [f64; 3]) {
-        let &[slew_error, slew_error_rate, deflection, deflection_rate, extension, mass, length, width] =
-            row;
+        let &[
+            slew_error,
+            slew_error_rate,
+            deflection,
+            deflection_rate,
+            extension,
+            mass,
+            length,
+            width,
+        ] = row;
         let measured = Measurement {
             slew_error,
             slew_error_rate,
@@ -274,7 +287,10 @@ pub(crate) fn simulate<'py>(
     law: &str,
     every: usize,
     seed: &[u8],
-) -> Outcome<(Vec<(&'static str, Out1<'py, f64>)>, Vec<(&'static str, f64)>)> {
+) -> Outcome<(
+    Vec<(&'static str, Out1<'py, f64>)>,
+    Vec<(&'static str, f64)>,
+)> {
     let flown = detached(py, || {
         let scenario = scenario_from_json(scenario)?;
         let law = law_from_json(law)?;
@@ -298,7 +314,7 @@ pub(crate) fn rollout<'py>(
     py: Python<'py>,
     scenarios: Vec<String>,
     law: &str,
-    seeds: Vec<Vec<u8>>,
+    seeds: Vec<PyBackedBytes>,
     num_threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Outcome<Out2<'py, f64>> {
@@ -334,7 +350,7 @@ pub(crate) fn rollout<'py>(
 
 /// The manoeuvres that environments fly in the first episode of each seed, as a JSON list.
 #[pyfunction]
-pub(crate) fn sample_scenarios(config: &str, seeds: Vec<Vec<u8>>) -> Outcome<String> {
+pub(crate) fn sample_scenarios(config: &str, seeds: Vec<PyBackedBytes>) -> Outcome<String> {
     guarded(|| {
         let config = EnvConfig::from_json(config)?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();

@@ -124,11 +124,7 @@ pub(crate) type Out3<'py, T> = Out<'py, T, Ix3>;
 
 impl<'py, T: Scalar, D: Dimension> Out<'py, T, D> {
     /// An array of `shape` that holds `values`, row by row.
-    pub(crate) fn new<S: IntoDimension<Dim = D>>(
-        py: Python<'py>,
-        shape: S,
-        values: &[T],
-    ) -> Self {
+    pub(crate) fn new<S: IntoDimension<Dim = D>>(py: Python<'py>, shape: S, values: &[T]) -> Self {
         let array = PyArray::<T, D>::zeros(py, shape, false);
         array
             .readwrite()

@@ -11,6 +11,7 @@ use drm_env::rng::Seed;
 use drm_env::scene::scene;
 use drm_env::{Env, render};
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{In1, In2, InOut1, InOut2, Out1, Out2, Out3};
 use crate::env::{flight, locked, picture, settings, signals_now};
@@ -123,7 +124,7 @@ impl Batch {
     fn reset(
         &self,
         py: Python<'_>,
-        seeds: Vec<Option<Vec<u8>>>,
+        seeds: Vec<Option<PyBackedBytes>>,
         options: Vec<Option<String>>,
         mask: Option<In1<'_, bool>>,
         mut observations: InOut2<'_, f32>,
@@ -162,7 +163,11 @@ impl Batch {
     ) -> Outcome<(bool, bool)> {
         let n = self.num_envs;
         check_shape("actions", actions.shape(), &[n, self.action_size])?;
-        check_shape("observations", observations.shape(), &[n, self.observation_size])?;
+        check_shape(
+            "observations",
+            observations.shape(),
+            &[n, self.observation_size],
+        )?;
         check_shape("terms", terms.shape(), &[n, 3])?;
         let actions = actions.slice();
         let mut buffers = StepBuffers {
@@ -175,7 +180,10 @@ impl Batch {
         self.with(py, move |engine| {
             engine.step(actions, &mut buffers)?;
             let any = |test: &dyn Fn(usize) -> bool| (0..engine.len()).any(test);
-            Ok((any(&|i| engine.began(i)), any(&|i| engine.ended(i).is_some())))
+            Ok((
+                any(&|i| engine.began(i)),
+                any(&|i| engine.ended(i).is_some()),
+            ))
         })
     }
 
@@ -192,19 +200,20 @@ impl Batch {
 
     /// Whether each environment began an episode in the last call.
     fn reset_happened<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
-        let began: Vec<bool> =
-            self.with(py, |engine| Ok((0..engine.len()).map(|i| engine.began(i)).collect()))?;
+        let began: Vec<bool> = self.with(py, |engine| {
+            Ok((0..engine.len()).map(|i| engine.began(i)).collect())
+        })?;
         Ok(Out1::vector(py, &began))
     }
 
     /// Writes true contexts into columns, one an environment in the order of `context_names`: all
     /// of them, or those of the environments that began an episode in the last call.
-    fn contexts(&self, py: Python<'_>, mut out: InOut2<'_, f64>, all: bool) -> Outcome<()> {
+    fn contexts(&self, py: Python<'_>, mut out: InOut2<'_, f64>, everywhere: bool) -> Outcome<()> {
         let n = self.num_envs;
         check_shape("contexts", out.shape(), &[COUNT, n])?;
         let out = out.slice_mut();
         self.with(py, move |engine| {
-            for i in (0..n).filter(|&i| all || engine.began(i)) {
+            for i in (0..n).filter(|&i| everywhere || engine.began(i)) {
                 let context = engine.env(i).map(Env::context).unwrap_or([f64::NAN; COUNT]);
                 for (row, value) in context.into_iter().enumerate() {
                     out[row * n + i] = value;
@@ -226,13 +235,17 @@ impl Batch {
     /// Metrics of the episodes that ended in the last step; zeros elsewhere.
     fn metrics<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f64>> {
         let zeros = [0.0; METRIC_NAMES.len()];
-        let rows = self.each(py, |ended| ended.map_or(zeros, |ended| ended.metrics.values()))?;
+        let rows = self.each(py, |ended| {
+            ended.map_or(zeros, |ended| ended.metrics.values())
+        })?;
         Ok(Out2::matrix(py, &rows))
     }
 
     /// Whether the episodes that ended in the last step diverged.
     fn diverged<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
-        let flags = self.each(py, |ended| ended.is_some_and(|ended| ended.metrics.diverged))?;
+        let flags = self.each(py, |ended| {
+            ended.is_some_and(|ended| ended.metrics.diverged)
+        })?;
         Ok(Out1::vector(py, &flags))
     }
 
@@ -262,13 +275,10 @@ impl Batch {
 
     /// The same for one environment.
     #[pyo3(signature = (index, options))]
-    fn set_env_context(
-        &self,
-        py: Python<'_>,
-        index: usize,
-        options: Option<&str>,
-    ) -> Outcome<()> {
-        self.with(py, |engine| engine.set_env_context(index, settings(options)?))
+    fn set_env_context(&self, py: Python<'_>, index: usize, options: Option<&str>) -> Outcome<()> {
+        self.with(py, |engine| {
+            engine.set_env_context(index, settings(options)?)
+        })
     }
 
     /// Everything that changes, as bytes.

@@ -76,14 +76,23 @@ pub(crate) fn metric_names() -> Vec<&'static str> {
     METRIC_NAMES.to_vec()
 }
 
+/// Name, unit, scale, lower and upper bound.
+type Entry = (String, String, f64, f64, f64);
+
 /// Name, unit, scale, lower and upper bound of each entry of the observation, in order.
 #[pyfunction]
-pub(crate) fn observation_layout(config: &str) -> Outcome<Vec<(String, String, f64, f64, f64)>> {
+pub(crate) fn observation_layout(config: &str) -> Outcome<Vec<Entry>> {
     guarded(|| {
         let layout = task::observation_layout(&EnvConfig::from_json(config)?.task);
         let rows = layout.into_iter().map(|entry| {
             let limit = task::OBSERVATION_LIMIT;
-            (entry.name, entry.unit.to_owned(), entry.scale, -limit, limit)
+            (
+                entry.name,
+                entry.unit.to_owned(),
+                entry.scale,
+                -limit,
+                limit,
+            )
         });
         Ok::<_, ConfigError>(rows.collect())
     })

@@ -136,7 +136,11 @@ impl Env {
         let action = action.slice();
         let (outcome, [vibration, slew, effort], observation) = self.with(py, |engine| {
             let outcome = engine.step(action)?;
-            Ok((outcome, engine.reward_terms(), engine.observation().to_vec()))
+            Ok((
+                outcome,
+                engine.reward_terms(),
+                engine.observation().to_vec(),
+            ))
         })?;
         Ok((
             Out1::vector(py, &observation),
@@ -181,7 +185,9 @@ impl Env {
 
     /// The manoeuvre of this episode as JSON text.
     fn scenario_json(&self, py: Python<'_>) -> Outcome<String> {
-        self.with(py, |engine| Ok(scenario_text(&flight(engine)?.plan().scenario)))
+        self.with(py, |engine| {
+            Ok(scenario_text(&flight(engine)?.plan().scenario))
+        })
     }
 
     /// Names and present values of the signals.
@@ -200,12 +206,7 @@ impl Env {
     }
 
     /// A picture, (height, width, 3).
-    fn render_rgb<'py>(
-        &self,
-        py: Python<'py>,
-        width: u32,
-        height: u32,
-    ) -> Outcome<Out3<'py, u8>> {
+    fn render_rgb<'py>(&self, py: Python<'py>, width: u32, height: u32) -> Outcome<Out3<'py, u8>> {
         let pixels = self.with(py, |engine| picture(engine, width, height))?;
         Ok(Out3::new(py, (height as usize, width as usize, 3), &pixels))
     }

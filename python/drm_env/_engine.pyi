@@ -1,0 +1,416 @@
+"""
+The engine of drm_env: everything that computes.
+"""
+
+from typing import Any, Final, SupportsFloat, SupportsIndex, final
+
+from _typeshed import SupportsGetItem
+from numpy import bool_, float32, float64, uint8
+from numpy.typing import NDArray
+
+__all__ = [
+    "__version__",
+    "Batch",
+    "Env",
+    "Law",
+    "Model",
+    "context_names",
+    "default_config_json",
+    "measurement_names",
+    "metric_names",
+    "observation_layout",
+    "option_names_json",
+    "resolve_config",
+    "reward_names",
+    "rollout",
+    "sample_scenarios",
+    "schema_json",
+    "signal_names",
+    "simulate",
+]
+
+__version__: Final[str]
+
+@final
+class Batch:
+    """
+    Many environments; see `DrmVectorEnv` in the Python package.
+    """
+    def __new__(
+        cls,
+        /,
+        config: str,
+        num_envs: SupportsIndex,
+        autoreset: str,
+        num_threads: SupportsIndex | None,
+    ) -> Batch: ...
+    @property
+    def action_size(self, /) -> int:
+        """
+        Entries of one action.
+        """
+    def contexts(self, /, out: NDArray[float64], everywhere: bool) -> None:
+        """
+        Writes true contexts into columns, one an environment in the order of `context_names`: all
+        of them, or those of the environments that began an episode in the last call.
+        """
+    def diverged(self, /) -> NDArray[bool_]:
+        """
+        Whether the episodes that ended in the last step diverged.
+        """
+    def env_state(self, /, index: SupportsIndex) -> bytes:
+        """
+        The state of one environment, as `Env.get_state` returns it.
+        """
+    def final_obs(self, /) -> NDArray[float32]:
+        """
+        Last observation of the episodes that ended in the last step; zeros elsewhere.
+        """
+    def get_state(self, /) -> bytes:
+        """
+        Everything that changes, as bytes.
+        """
+    def has_reset(self, /) -> bool:
+        """
+        Whether every environment has had an episode.
+        """
+    @property
+    def horizon_steps(self, /) -> int:
+        """
+        Actions in an episode that is not cut short.
+        """
+    def metrics(self, /) -> NDArray[float64]:
+        """
+        Metrics of the episodes that ended in the last step; zeros elsewhere.
+        """
+    @property
+    def observation_size(self, /) -> int:
+        """
+        Entries of one observation.
+        """
+    def observations(self, /, out: NDArray[float32]) -> None:
+        """
+        Writes every present observation.
+        """
+    def render_ansi(self, /, index: SupportsIndex) -> str:
+        """
+        A picture of one environment as text.
+        """
+    def render_rgb(
+        self, /, index: SupportsIndex, width: SupportsIndex, height: SupportsIndex
+    ) -> NDArray[uint8]:
+        """
+        A picture of one environment, (height, width, 3).
+        """
+    def reset(
+        self,
+        /,
+        seeds: SupportsGetItem[int, bytes | bytearray | None],
+        options: SupportsGetItem[int, str | None],
+        mask: NDArray[bool_] | None,
+        observations: NDArray[float32],
+    ) -> None:
+        """
+        Begins episodes everywhere or where the mask holds, with seeds as little-endian bytes and
+        flat parameters as JSON text; writes every observation.
+        """
+    def reset_happened(self, /) -> NDArray[bool_]:
+        """
+        Whether each environment began an episode in the last call.
+        """
+    def set_context(self, /, options: SupportsGetItem[int, str | None]) -> None:
+        """
+        Flat scenario parameters of every later episode, as JSON text each, until called again.
+        """
+    def set_env_context(self, /, index: SupportsIndex, options: str | None) -> None:
+        """
+        The same for one environment.
+        """
+    def set_env_state(self, /, index: SupportsIndex, state: bytes) -> None:
+        """
+        Restores one environment.
+        """
+    def set_state(self, /, state: bytes) -> None:
+        """
+        Restores what `get_state` returned.
+        """
+    def signals(self, /, index: SupportsIndex) -> list[tuple[str, float]]:
+        """
+        Names and present values of the signals of one environment.
+        """
+    def step(
+        self,
+        /,
+        actions: NDArray[float32],
+        observations: NDArray[float32],
+        rewards: NDArray[float64],
+        terminated: NDArray[bool_],
+        truncated: NDArray[bool_],
+        terms: NDArray[float64],
+    ) -> tuple[bool, bool]:
+        """
+        One control period everywhere, written into the arrays; whether any environment has begun
+        an episode and whether any has ended one.
+        """
+    def success(self, /) -> NDArray[bool_]:
+        """
+        Whether the arm settled in the episodes that ended in the last step.
+        """
+
+@final
+class Env:
+    """
+    One environment; see the class of the same name in the Python package.
+    """
+    def __new__(cls, /, config: str) -> Env: ...
+    @property
+    def action_size(self, /) -> int:
+        """
+        Entries of an action.
+        """
+    def context(self, /) -> NDArray[float64]:
+        """
+        The true context of the episode, in the order of `context_names`.
+        """
+    def diverged(self, /) -> bool:
+        """
+        Whether the episode ended by divergence or at a limit of the structure.
+        """
+    def get_state(self, /) -> bytes:
+        """
+        Everything that changes, as bytes.
+        """
+    def has_reset(self, /) -> bool:
+        """
+        Whether there has been an episode at all.
+        """
+    @property
+    def horizon_steps(self, /) -> int:
+        """
+        Actions in an episode that is not cut short.
+        """
+    def is_success(self, /) -> bool:
+        """
+        Whether the arm has settled so far.
+        """
+    def metrics(self, /) -> NDArray[float64]:
+        """
+        Metrics of the episode so far, in the order of `metric_names`.
+        """
+    @property
+    def observation_size(self, /) -> int:
+        """
+        Entries of an observation.
+        """
+    def render_ansi(self, /) -> str:
+        """
+        A picture as text.
+        """
+    def render_rgb(self, /, width: SupportsIndex, height: SupportsIndex) -> NDArray[uint8]:
+        """
+        A picture, (height, width, 3).
+        """
+    def reset(self, /, seed: bytes | None, options: str | None) -> NDArray[float32]:
+        """
+        Begins an episode: the first of a seed (little-endian bytes), or the next one.
+        """
+    def scenario_json(self, /) -> str:
+        """
+        The manoeuvre of this episode as JSON text.
+        """
+    def set_context(self, /, options: str | None) -> None:
+        """
+        Flat scenario parameters of every later episode, until called again.
+        """
+    def set_state(self, /, state: bytes) -> None:
+        """
+        Restores what `get_state` returned.
+        """
+    def signals(self, /) -> list[tuple[str, float]]:
+        """
+        Names and present values of the signals.
+        """
+    def step(
+        self, /, action: NDArray[float32]
+    ) -> tuple[NDArray[float32], float, bool, bool, tuple[float, float, float]]:
+        """
+        One control period: observation, reward, terminated, truncated and the reward's terms.
+        """
+    def steps(self, /) -> int:
+        """
+        Actions taken in this episode.
+        """
+
+@final
+class Law:
+    """
+    A control law flown once a control period.
+    """
+    def __new__(cls, /, law: str, config: str) -> Law: ...
+    @property
+    def control_period(self, /) -> float:
+        """
+        Time between two calls, s.
+        """
+    @property
+    def torque_limits(self, /) -> tuple[float, float]:
+        """
+        Torque limits of root and tip wheel, N m.
+        """
+    def torques(
+        self, /, measurements: NDArray[float64], state: NDArray[float64], start: NDArray[bool_]
+    ) -> tuple[NDArray[float64], NDArray[float64]]:
+        """
+        Torques of root and tip wheel, N m, and the new memory, a row for each of the laws.
+        """
+
+@final
+class Model:
+    """
+    The arm with one payload.
+    """
+    def __new__(cls, /, spec: str) -> Model: ...
+    def acceleration(
+        self,
+        /,
+        q: NDArray[float64],
+        q_rate: NDArray[float64],
+        at: tuple[
+            SupportsFloat | SupportsIndex,
+            SupportsFloat | SupportsIndex,
+            SupportsFloat | SupportsIndex,
+        ],
+        torques: tuple[
+            SupportsFloat | SupportsIndex,
+            SupportsFloat | SupportsIndex,
+            SupportsFloat | SupportsIndex,
+        ],
+    ) -> NDArray[float64]:
+        """
+        q'' at an extension (length, rate, acceleration) under (slew, root, tip) torques.
+        """
+    def angular_momentum(
+        self,
+        /,
+        q: NDArray[float64],
+        q_rate: NDArray[float64],
+        length: SupportsFloat | SupportsIndex,
+        rate: SupportsFloat | SupportsIndex,
+    ) -> float:
+        """
+        Angular momentum about the shoulder.
+        """
+    def energy(
+        self,
+        /,
+        q: NDArray[float64],
+        q_rate: NDArray[float64],
+        length: SupportsFloat | SupportsIndex,
+        rate: SupportsFloat | SupportsIndex,
+    ) -> tuple[float, float, float]:
+        """
+        Kinetic, potential and total energy.
+        """
+    def linearize(
+        self,
+        /,
+        length: SupportsFloat | SupportsIndex,
+        rate: SupportsFloat | SupportsIndex,
+        accel: SupportsFloat | SupportsIndex,
+        slew_rate: SupportsFloat | SupportsIndex,
+    ) -> tuple[NDArray[float64], NDArray[float64]]:
+        """
+        A and B about the undeflected arm.
+        """
+    def matrices(
+        self,
+        /,
+        length: SupportsFloat | SupportsIndex,
+        rate: SupportsFloat | SupportsIndex,
+        accel: SupportsFloat | SupportsIndex,
+        slew_rate: SupportsFloat | SupportsIndex,
+    ) -> tuple[NDArray[float64], NDArray[float64], NDArray[float64]]:
+        """
+        M, C and K at an extension, its rate and acceleration, and a slew rate.
+        """
+    def modes(
+        self, /, length: SupportsFloat | SupportsIndex
+    ) -> tuple[NDArray[float64], NDArray[float64]]:
+        """
+        Elastic angular frequencies (rad/s) and shapes, one a row.
+        """
+
+def context_names() -> list[str]:
+    """
+    Flat names of the scenario's parameters, in the order of every context.
+    """
+
+def default_config_json(task: str) -> str:
+    """
+    The configuration behind a task's name, as complete JSON text.
+    """
+
+def measurement_names() -> list[str]:
+    """
+    Names of what a law is told, as in the observation.
+    """
+
+def metric_names() -> list[str]:
+    """
+    Names of the metrics, in the order of every list of them.
+    """
+
+def observation_layout(config: str) -> list[tuple[str, str, float, float, float]]:
+    """
+    Name, unit, scale, lower and upper bound of each entry of the observation, in order.
+    """
+
+def option_names_json() -> str:
+    """
+    Every flat option as JSON text: name -> path, unit, randomizable, description.
+    """
+
+def resolve_config(task: str, config: str | None, options: str) -> str:
+    """
+    A preset, overlaid with parts of a configuration and then with flat options, as complete JSON
+    text.
+    """
+
+def reward_names() -> list[str]:
+    """
+    Names of the reward's terms, as they stand in an info.
+    """
+
+def rollout(
+    scenarios: SupportsGetItem[int, str],
+    law: str,
+    seeds: SupportsGetItem[int, bytes | bytearray],
+    num_threads: SupportsIndex | None,
+    progress: Any | None,
+) -> NDArray[float64]:
+    """
+    Flies many manoeuvres under a law: metrics, a row a manoeuvre. `progress(flown, all)` is called
+    now and then; what it raises ends the work and is raised here.
+    """
+
+def sample_scenarios(config: str, seeds: SupportsGetItem[int, bytes | bytearray]) -> str:
+    """
+    The manoeuvres that environments fly in the first episode of each seed, as a JSON list.
+    """
+
+def schema_json() -> str:
+    """
+    The JSON schema of a configuration.
+    """
+
+def signal_names() -> list[str]:
+    """
+    Names of the signals of a trajectory.
+    """
+
+def simulate(
+    scenario: str, law: str, every: SupportsIndex, seed: bytes
+) -> tuple[list[tuple[str, NDArray[float64]]], list[tuple[str, float]]]:
+    """
+    Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
+    """
