@@ -218,10 +218,18 @@ def test_train_resume_evaluate_and_compare(run: Path) -> None:
 def test_evaluating_a_run_needs_no_checkpoint_and_no_torch(run: Path) -> None:
     for path in (run / "checkpoints").iterdir():
         path.unlink()
-    program = (
-        "import sys; sys.modules['torch'] = None; sys.modules['stable_baselines3'] = None; "
-        "from drm_baselines.cli import app; app(sys.argv[1:])"
-    )
+    program = """
+import sys
+
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("torch", "stable_baselines3"):
+            raise ModuleNotFoundError(f"No module named {name!r}")
+
+sys.meta_path.insert(0, Without())
+from drm_baselines.cli import app
+app(sys.argv[1:])
+"""
 
     def without_torch(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

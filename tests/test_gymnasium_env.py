@@ -381,6 +381,14 @@ def test_rendered_frames_show_the_motion() -> None:
     assert (first != later).any(axis=2).sum() > 500
 
 
+def test_one_frame_a_step_plays_in_real_time(env_id: str) -> None:
+    env = gym.make(env_id)
+    period = env.unwrapped.control_period  # type: ignore[attr-defined]
+    assert env.metadata["render_fps"] == round(1 / period)
+    batch = gym.make_vec(env_id, num_envs=2)
+    assert batch.metadata["render_fps"] == round(1 / period)
+
+
 def test_text_and_lists_of_frames() -> None:
     env = gym.make("drm_env/Slew-v0", render_mode="ansi")
     env.reset(seed=0)

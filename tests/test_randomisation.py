@@ -89,6 +89,22 @@ def test_choices_of_names() -> None:
     assert modes == {"coincident", "none"}
 
 
+def test_draws_of_one_parameter_do_not_move_those_of_another() -> None:
+    for name in ("payload_mass", "mass_error"):
+        plain = drawn(name, 20)
+        for other in ({"link2_bending_stiffness": (2.9e6, 3.1e6)}, {"payload_length": (0.5, 1.0)}):
+            np.testing.assert_array_equal(plain, drawn(name, 20, **other))
+
+
+def test_value_given_in_any_way_is_no_longer_drawn() -> None:
+    configuration = {"scenario": {"payload": {"mass": 222.0}, "mass_error": 0.05}}
+    for options in ({"payload_mass": 222.0, "mass_error": 0.05}, {"config": configuration}):
+        for name, value in (("payload_mass", 222.0), ("mass_error", 0.05)):
+            assert set(drawn(name, 5, **options).tolist()) == {value}
+    both = {**configuration, "randomize": {"payload_mass": [60.0, 70.0]}}
+    assert 60.0 <= drawn("payload_mass", 20, config=both).max() <= 70.0
+
+
 def test_draws_survive_autoreset_and_equal_the_single_environments() -> None:
     vector = gym.make_vec(
         "drm_env/Slew-v0", num_envs=4, horizon=0.03, autoreset_mode=AutoresetMode.SAME_STEP

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import time
 import warnings
 from typing import Any
 
@@ -293,12 +294,14 @@ def test_max_episode_steps_of_make_vec() -> None:
 
 def test_specification_makes_the_same_batch_again() -> None:
     options = {"payload_mass": (60.0, 300.0), "deployment_mode": ["coincident", "none"]}
-    env = gym.make_vec(ID, num_envs=3, **SHORT, **options)
+    mode = AutoresetMode.SAME_STEP
+    env = gym.make_vec(ID, num_envs=3, autoreset_mode=mode, **SHORT, **options)
     assert env.spec is not None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         again = gym.make_vec(EnvSpec.from_json(env.spec.to_json()))
     assert again.num_envs == 3
+    assert again.metadata["autoreset_mode"] is mode
     assert_same_step(env.reset(seed=6), again.reset(seed=6))
     for actions in actions_of(env, 20):
         assert_same_step(env.step(actions), again.step(actions))
@@ -427,11 +430,52 @@ def test_sub_environment_and_single_environment_exchange_snapshots() -> None:
             np.testing.assert_equal(info[key][1], value)
 
 
+def test_other_vectorizations_of_gymnasium_give_the_same_numbers() -> None:
+    env = native(2, AutoresetMode.NEXT_STEP, **STAGGERED)
+    others = [
+        gym.make_vec(ID, num_envs=2, vectorization_mode=mode, **STAGGERED)
+        for mode in ("sync", "async")
+    ]
+    first = env.reset(seed=1)
+    for other in others:
+        np.testing.assert_array_equal(other.reset(seed=1)[0], first[0])
+    for actions in actions_of(env, 30):
+        step = env.step(actions)
+        for other in others:
+            for one, expected in zip(other.step(actions)[:4], step[:4], strict=True):
+                np.testing.assert_array_equal(one, expected)
+    for other in others:
+        other.close()
+
+
+def test_interpreter_is_free_during_a_step() -> None:
+    """A second Python thread runs while one long call of the engine is under way."""
+    import threading
+
+    env = drm_env.DrmVectorEnv(300, num_threads=1, control_period=1.0)
+    env.reset(seed=0)
+    actions = np.zeros((300, 2), np.float32)
+    buffers = env._allocate()
+    ticks: list[float] = []
+    stop = threading.Event()
+
+    def tick() -> None:
+        while not stop.wait(0.0005):
+            ticks.append(time.perf_counter())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    begin = time.perf_counter()
+    env._engine.step(actions, *buffers)
+    end = time.perf_counter()
+    stop.set()
+    thread.join()
+    assert sum(begin < moment < end for moment in ticks) >= 3
+
+
 @pytest.mark.slow
 def test_throughput_per_lane_does_not_suffer_from_python() -> None:
     """Infos and allocation together take less than a quarter of a step of 64 environments."""
-    import time
-
     env = drm_env.DrmVectorEnv(64, num_threads=1)
     env.reset(seed=0)
     actions = np.zeros((64, 2), np.float32)

@@ -37,10 +37,6 @@ def perceptron_of(model: BaseAlgorithm) -> Perceptron:
             biases.append(_numpy(layer.bias))
         elif type(layer) in _ACTIVATIONS:
             activations.add(_ACTIVATIONS[type(layer)])
-        elif isinstance(layer, nn.Hardtanh):
-            # SAC with state-dependent noise clips the mean before squashing it; beyond the clip
-            # the tanh is saturated to within 4 % only, so the two are not the same network.
-            raise PolicyError("policies with a clipped mean (use_sde) cannot be exported")
         else:
             raise PolicyError(f"layers of type {type(layer).__name__} cannot be exported")
     if len(activations) != 1:

@@ -23,6 +23,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+import drm_env
 from drm_baselines.errors import ExistingResultError
 
 
@@ -114,8 +115,6 @@ def sha256_of(path: Path) -> str:
 
 
 _DISTRIBUTIONS = (
-    "drm-env",
-    "drm-baselines",
     "numpy",
     "scipy",
     "gymnasium",
@@ -127,7 +126,13 @@ _DISTRIBUTIONS = (
 
 def versions() -> dict[str, str]:
     """Return the installed version of each package that can change a result."""
-    found = {"python": platform.python_version()}
+    import drm_baselines
+
+    found = {
+        "drm-env": drm_env.__version__,
+        "drm-baselines": drm_baselines.__version__,
+        "python": platform.python_version(),
+    }
     for name in _DISTRIBUTIONS:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)

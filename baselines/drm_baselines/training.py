@@ -8,13 +8,12 @@ engine's metrics, on seeds that training never draws.
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import importlib.util
-import signal
+import shutil
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -27,8 +26,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 import drm_env
@@ -36,9 +34,16 @@ from drm_baselines import hyperparameters, storage
 from drm_baselines.errors import RunError
 from drm_baselines.evaluation import TRAINING_SEED, config_data, environment_config, fly_policy
 from drm_baselines.export import perceptron_of
-from drm_baselines.network import NetworkPolicy, save_policy
+from drm_baselines.interruption import stop_on_signal
+from drm_baselines.network import (
+    DESCRIPTION_FILE,
+    WEIGHTS_FILE,
+    NetworkPolicy,
+    save_policy,
+)
 from drm_baselines.records import Episodes
 from drm_baselines.runs import EVALUATIONS_FILE, RUN_FILE, RunRecord, checkpoint_file, load_run
+from drm_baselines.staggering import StaggeredStart
 
 CURVE_SEED = 900_000_000
 """First seed of the episodes behind learning curves: apart from training and from evaluations."""
@@ -112,69 +117,6 @@ class SilentWatcher:
     def evaluated(self, point: Point) -> None:
         """Keep the point."""
         self.points.append(point)
-
-
-class StaggeredStart(VecEnvWrapper):
-    """Spreads the environments evenly over the phases of an episode before training begins.
-
-    Episodes of this task are equally long. Environments that all start together stay in step,
-    so that each update would see one phase of the manoeuvre only and forget the others.
-
-    Parameters
-    ----------
-    venv
-        Environments whose sub-environments can be reset one at a time.
-    horizon
-        Length of an episode in steps.
-    """
-
-    def __init__(self, venv: VecEnv, horizon: int) -> None:
-        super().__init__(venv)
-        self._horizon = horizon
-
-    def reset(self) -> VecEnvObs:
-        """Reset, then fly one horizon with zero action, restarting each at its own time."""
-        observations = self.venv.reset()
-        shape = self.action_space.shape
-        assert shape is not None, "the action space is a Box"
-        actions = np.zeros((self.num_envs, *shape), dtype=np.float32)
-        restarts = np.arange(self.num_envs) * self._horizon // self.num_envs
-        for step in range(self._horizon):
-            due = np.flatnonzero(restarts == step)
-            if step > 0 and due.size:
-                self.venv.env_method("reset", indices=due.tolist())
-            observations, _, _, _ = self.venv.step(actions)
-        return observations
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Step the environments."""
-        return self.venv.step_wait()
-
-
-@contextlib.contextmanager
-def stop_on_signal() -> Iterator[threading.Event]:
-    """Yield an event that the first Ctrl-C or SIGTERM sets; a second Ctrl-C interrupts at once.
-
-    Stopping between two steps leaves networks and optimiser in a state worth saving.
-    """
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def request(number: int, frame: object) -> None:  # noqa: ARG001
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    try:
-        for number in previous:
-            signal.signal(number, request)
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 class _Monitor(BaseCallback):
@@ -357,6 +299,9 @@ def _make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         "activation_fn": _ACTIVATIONS[settings.network.activation],
         "log_std_init": settings.network.log_std_init,
     }
+    if request.algorithm == "sac" and arguments.get("use_sde"):
+        # By default the mean is clipped before it is squashed: one more kind of layer for nothing.
+        network["clip_mean"] = 0.0
     try:
         return _ALGORITHMS[request.algorithm](
             "MlpPolicy",
@@ -430,8 +375,11 @@ def train(
     options = {**request.settings.env, **request.options}
     config = environment_config(request.env_id, options)
     storage.claim_directory(directory, force=force)
-    for name in (RUN_FILE, EVALUATIONS_FILE):
+    # With force: an interruption before the first save must not leave the old run's policy.
+    for name in (RUN_FILE, EVALUATIONS_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
         (directory / name).unlink(missing_ok=True)
+    for name in ("checkpoints", "tensorboard"):
+        shutil.rmtree(directory / name, ignore_errors=True)
     torch.set_num_threads(request.settings.torch_threads)
     env, first_seed = _make_envs(request, config, 0)
     try:

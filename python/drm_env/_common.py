@@ -22,7 +22,15 @@ METRIC_KEYS = tuple(f"metrics/{name}" for name in _engine.metric_names())
 RENDER_SIZE = (800, 450)
 """Width and height of a rendered frame, px."""
 
+METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 100}
+"""Gymnasium's metadata of the default configuration."""
+
 _FLOAT32 = np.dtype(np.float32)
+
+
+def own_metadata(control_period: float) -> dict[str, Any]:
+    """Metadata of an environment whose frames, one a step, shall play in real time."""
+    return {**METADATA, "render_fps": max(1, round(1.0 / control_period))}
 
 
 def action_box(size: int) -> gym.spaces.Box[np.float32]:
@@ -30,7 +38,9 @@ def action_box(size: int) -> gym.spaces.Box[np.float32]:
     return gym.spaces.Box(-1.0, 1.0, (size,), np.float32)
 
 
-def observation_box(low: NDArray[np.float32], high: NDArray[np.float32]) -> gym.spaces.Box[np.float32]:
+def observation_box(
+    low: NDArray[np.float32], high: NDArray[np.float32]
+) -> gym.spaces.Box[np.float32]:
     """The observation space between two arrays of shape (n,)."""
     return gym.spaces.Box(low, high, dtype=np.float32)
 
@@ -82,12 +92,17 @@ def json_spec(spec: EnvSpec | None, horizon_steps: int) -> EnvSpec | None:
     spec = copy.copy(spec)
     if spec.max_episode_steps is None:
         spec.max_episode_steps = horizon_steps
-    own = {"task", "config", "render_mode", "num_envs", "max_episode_steps", "autoreset_mode"}
-    own |= {"copy", "num_threads", "vectorization_mode", "vector_kwargs", "wrappers"}
-    options = {name: value for name, value in spec.kwargs.items() if name not in own}
-    kwargs = {name: value for name, value in spec.kwargs.items() if name in own}
-    if kwargs.get("config") is not None:
-        kwargs["config"] = to_data(kwargs["config"], "config")
+    plain = {"task", "config", "render_mode", "num_envs", "max_episode_steps", "autoreset_mode"}
+    plain |= {"copy", "num_threads"}
+    others = {"vectorization_mode", "vector_kwargs", "wrappers"}
+    kwargs, options = {}, {}
+    for name, value in spec.kwargs.items():
+        if name in plain:
+            kwargs[name] = to_data(value, name)
+        elif name in others:
+            kwargs[name] = value
+        else:
+            options[name] = value
     spec.kwargs = {**kwargs, **options_to_data(options)}
     return spec
 

@@ -52,11 +52,22 @@ ConfigLike = Union["EnvConfig", Mapping[str, Any], str, os.PathLike[str], None]
 """What ``config=`` takes: an `EnvConfig`, its dict, or a path to a JSON or TOML file."""
 
 
-@cache
 def option_names() -> dict[str, dict[str, Any]]:
-    """Every keyword option: ``path`` in the configuration, ``unit``, ``randomizable``, text."""
+    """Every keyword option.
+
+    Returns
+    -------
+    options
+        By name: ``path`` in the configuration, ``unit``, ``randomizable`` (whether it can be drawn
+        for each episode) and ``description``.
+    """
     names: dict[str, dict[str, Any]] = json.loads(_engine.option_names_json())
     return names
+
+
+@cache
+def _randomizable() -> frozenset[str]:
+    return frozenset(name for name, option in option_names().items() if option["randomizable"])
 
 
 def to_data(value: Any, path: str = "") -> Any:
@@ -119,7 +130,7 @@ def _draw_to_data(name: str, value: Any) -> Any:
             warnings.warn(
                 f"{name}={data} is taken as two choices; write a tuple {tuple(data)} for a range",
                 UserWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
         return {"choices": data}
     return to_data(value, name)
@@ -134,12 +145,11 @@ def options_to_data(options: Mapping[str, Any]) -> dict[str, Any]:
         a value without a JSON form. Unknown names and impossible values are found
         by the engine, see `resolve`.
     """
-    known = option_names()
-    data = {}
-    for name, value in options.items():
-        draws = name in known and known[name]["randomizable"]
-        data[name] = _draw_to_data(name, value) if draws else to_data(value, name)
-    return data
+    drawn = _randomizable()
+    return {
+        name: _draw_to_data(name, value) if name in drawn else to_data(value, name)
+        for name, value in options.items()
+    }
 
 
 def flat_options(options: Mapping[str, Any] | None) -> str | None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from drm_env import _engine
 from drm_env._common import (
+    METADATA,
     RENDER_SIZE,
     REWARD_KEYS,
     ClosedEngine,
@@ -24,6 +25,7 @@ from drm_env._common import (
     end_info,
     json_spec,
     observation_box,
+    own_metadata,
     seed_bytes,
 )
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
@@ -146,7 +148,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Version history: v0, the first.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 25}  # noqa: RUF012
+    metadata = METADATA
 
     def __init__(
         self,
@@ -164,6 +166,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._config_json = resolve(task, config, options)
         self._engine = _engine.Env(self._config_json)
         self.render_mode = render_mode
+        self.metadata = own_metadata(self.control_period)
         low, high = bounds(self.observation_layout)
         self.observation_space = observation_box(low, high)
         self.action_space = action_box(self._engine.action_size)

@@ -39,10 +39,10 @@ from drm_env._common import (
     convert_action,
     json_spec,
     observation_box,
+    own_metadata,
     seed_bytes,
 )
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
-from drm_env.env import DrmEnv
 from drm_env.errors import ConfigError, ResetNeededError
 from drm_env.lane import Lane
 from drm_env.observation import ObservationEntry, bounds, layout_of
@@ -128,13 +128,13 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.copy = bool(copy)
+        self._config_json = shortened(resolve(task, config, options), max_episode_steps)
+        self._arguments = (num_envs, _MODES[self.autoreset_mode], num_threads)
         self.metadata = {
-            **DrmEnv.metadata,
+            **own_metadata(self.control_period),
             "render_modes": _RENDER_MODES,
             "autoreset_mode": self.autoreset_mode,
         }
-        self._config_json = shortened(resolve(task, config, options), max_episode_steps)
-        self._arguments = (num_envs, _MODES[self.autoreset_mode], num_threads)
         self._engine = _engine.Batch(self._config_json, *self._arguments)
         self._observation_size = self._engine.observation_size
 

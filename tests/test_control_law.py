@@ -1,0 +1,86 @@
+"""A law as a policy of an environment is the law that the engine flies by itself.
+
+The environment is stepped at the laws' own sample period, so the only difference from
+`drm_env.simulate` is that observations and actions pass through single precision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import drm_env
+
+METRICS = ("tip_error_rms", "peak_slew_angle", "residual_rms", "wheel_effort")
+
+
+@pytest.mark.parametrize("law", ["linear", "lyapunov"])
+def test_law_as_policy_flies_the_simulated_manoeuvre(law: str) -> None:
+    env = drm_env.DrmEnv(task="slew_thesis", mass_error=0.15)
+    control = drm_env.ControlLaw(law, task="slew_thesis")
+    assert control.control_period == env.control_period == 0.002
+    observation, _ = env.reset(seed=0)
+    state, start = control.initial_state(1), np.array([True])
+    truncated = False
+    while not truncated:
+        measured = control.measurements(observation[None])
+        torques, state = control.torques(measured, state, start)
+        start[:] = False
+        action = torques[0] / control.torque_limits
+        observation, _, _, truncated, info = env.step(action.astype(np.float32))
+    expected = drm_env.simulate(env.scenario(), law=law).metrics
+    for name in METRICS:
+        # single precision has 6e-8; the clipped effort of the linear law amplifies it most
+        assert info[f"metrics/{name}"] == pytest.approx(expected[name], rel=1e-4), name
+
+
+def random_rows(n: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    scale = [0.1, 0.02, 0.05, 0.5, 0.0, 0.0, 0.0, 0.0]
+    offset = [0.0, 0.0, 0.0, 0.0, 5.0, 200.0, 1.0, 0.5]
+    return np.asarray(rng.normal(size=(n, 8)) * scale + offset)
+
+
+@pytest.mark.parametrize("law", ["none", "linear", "lyapunov"])
+def test_rows_do_not_touch_each_other(law: str) -> None:
+    control = drm_env.ControlLaw(law)
+    rows = random_rows(7)
+    state, start = control.initial_state(7), np.ones(7, bool)
+    alone = [control.initial_state(1) for _ in range(7)]
+    for _ in range(3):
+        torques, state = control.torques(rows, state, start)
+        for i in range(7):
+            one, alone[i] = control.torques(rows[i : i + 1], alone[i], start[i : i + 1])
+            np.testing.assert_array_equal(one[0], torques[i])
+            np.testing.assert_array_equal(alone[i][0], state[i])
+        start = np.zeros(7, bool)
+        rows = rows[::-1].copy()
+
+
+def test_start_forgets_the_previous_rates() -> None:
+    control = drm_env.ControlLaw("lyapunov")
+    rows = random_rows(2)
+    fresh, _ = control.torques(rows, control.initial_state(2), np.ones(2, bool))
+    _, used = control.torques(rows * 2, control.initial_state(2), np.ones(2, bool))
+    again, _ = control.torques(rows, used, np.array([True, False]))
+    assert (again[0] == fresh[0]).all()
+    assert again[1, 0] != fresh[1, 0]
+
+
+def test_linear_law_is_its_formula() -> None:
+    """T1 = -8e4 e' - 8e3 e and T2 = -500 beta' (thesis section 4.6.1), beta half the deflection."""
+    rows = random_rows(20)
+    control = drm_env.ControlLaw("linear")
+    torques, _ = control.torques(rows, control.initial_state(20), np.ones(20, bool))
+    np.testing.assert_allclose(torques[:, 0], -8e4 * rows[:, 1] - 8e3 * rows[:, 0], rtol=1e-13)
+    np.testing.assert_allclose(torques[:, 1], -500.0 * rows[:, 3] / 2.0, rtol=1e-13)
+
+
+def test_wrong_shapes_and_laws_are_refused() -> None:
+    control = drm_env.ControlLaw("linear")
+    with pytest.raises(drm_env.SimulationError, match=r"measurements must have shape \[2, 8\]"):
+        control.torques(np.zeros((2, 5)), np.zeros((2, 3)), np.ones(2, bool))
+    with pytest.raises(drm_env.SimulationError, match=r"state must have shape \[2, 3\]"):
+        control.torques(np.zeros((2, 8)), np.zeros((3, 3)), np.ones(2, bool))
+    with pytest.raises(drm_env.ConfigError, match="pid"):
+        drm_env.ControlLaw("pid")
