@@ -29,7 +29,7 @@ config=$scratch/_config.py
 "$bin/python" tools/typed_defaults.py "$config"
 
 for file in "$stub" "$config"; do
-  "$bin/ruff" check --quiet --config pyproject.toml --select F401,I,D200,D212 --ignore D213 --fix "$file"
+  "$bin/ruff" check --quiet --config pyproject.toml --select F401,I,D200,D212,RUF022 --ignore D213 --fix "$file"
   "$bin/ruff" format --quiet --config pyproject.toml "$file"
 done
 mkdir -p "$out"

@@ -24,10 +24,13 @@ pub struct OpenLoop {}
 #[serde(tag = "name", rename_all = "snake_case")]
 pub enum Law {
     /// No feedback.
+    #[schemars(title = "OpenLoop")]
     None(OpenLoop),
     /// Rate and position feedback (thesis section 3.7.1).
+    #[schemars(title = "LinearLaw")]
     Linear(LinearLaw),
     /// Feedback from a Lyapunov function (thesis section 3.7.2).
+    #[schemars(title = "LyapunovLaw")]
     Lyapunov(LyapunovLaw),
 }
 
