@@ -83,7 +83,7 @@ class TrainingRequest:
     seed: int
     settings: hyperparameters.Hyperparameters
     evaluations: int = 10
-    evaluation_episodes: int = 64
+    evaluation_episodes: int = 100
 
 
 @dataclass(frozen=True, kw_only=True)

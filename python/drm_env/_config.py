@@ -140,7 +140,7 @@ Actuator: TypeAlias = Literal["root_wheel", "tip_wheel", "slew_motor"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Law1:
+class OpenLoop:
     """No feedback."""
 
     name: Literal["none"] = "none"
@@ -413,7 +413,7 @@ class Randomize:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Law2:
+class LinearLaw:
     """Rate and position feedback (thesis section 3.7.1)."""
 
     name: Literal["linear"] = "linear"
@@ -424,7 +424,7 @@ class Law2:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Law3:
+class LyapunovLaw:
     """Feedback from a Lyapunov function (thesis section 3.7.2)."""
 
     name: Literal["lyapunov"] = "lyapunov"
@@ -434,7 +434,7 @@ class Law3:
     """Tip wheel."""
 
 
-Law: TypeAlias = Law1 | Law2 | Law3
+Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw
 """A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name."""
 
 

@@ -9,11 +9,11 @@ from numpy import bool_, float32, float64, uint8
 from numpy.typing import NDArray
 
 __all__ = [
-    "__version__",
     "Batch",
     "Env",
     "Law",
     "Model",
+    "__version__",
     "context_names",
     "default_config_json",
     "measurement_names",

@@ -112,7 +112,7 @@ def train(
     evaluations: Annotated[int, typer.Option(min=1, help="Points of the learning curve.")] = 10,
     evaluation_episodes: Annotated[
         int, typer.Option(min=2, help="Episodes behind each point of the learning curve.")
-    ] = 64,
+    ] = 100,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
