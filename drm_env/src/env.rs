@@ -379,7 +379,7 @@ impl Env {
         }
         let plan = Plan::new(&saved.scenario).map_err(|e| damaged(&e))?;
         let mut flight = Flight::new(plan, Stream::new(saved.seed, 0, Purpose::Sensors));
-        flight.set_state(saved.flight);
+        flight.set_state(saved.flight)?;
         self.flight = flight;
         self.seed = saved.seed;
         self.episode = saved.episode;

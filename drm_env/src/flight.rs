@@ -7,17 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::actuator::{Wheel, WheelState};
 use crate::arm::PayloadProperties;
+use crate::body::{Body, Leg, Motion, Outputs, WheelDrive};
 use crate::control::{KnownInertia, Law, LawMemory, Measurement, WheelTorques};
-use crate::error::ConfigError;
-use crate::integrator::{Stage, rk4_step};
-use crate::lane::Lane;
+use crate::error::{ConfigError, SnapshotError};
 use crate::metrics::{Accumulator, Metrics, Sample};
-use crate::plant::energy::{Energy, energy};
-use crate::plant::thesis::{Constants, Prepared};
-use crate::plant::{Extension, RigidInertia, Torques};
+use crate::plant::energy::Energy;
+use crate::plant::{Extension, RigidInertia};
 use crate::rng::Stream;
 use crate::scenario::Scenario;
-use crate::timeline::{Piece, Reference, Timeline};
+use crate::timeline::{Reference, Timeline};
 
 /// What is fixed through one episode.
 #[derive(Debug, Clone)]
@@ -32,7 +30,7 @@ pub struct Plan {
     pub timeline: Timeline,
     /// End of the slew profile, s.
     pub slew_end_time: f64,
-    constants: Constants<f64>,
+    body: Body,
     reported_inertia: RigidInertia<f64>,
     known: KnownInertia<f64>,
     root: Wheel,
@@ -63,7 +61,7 @@ impl Plan {
                 &scenario.deployment.pieces(duration),
             ),
             slew_end_time: scenario.slew.final_time(),
-            constants: Constants::new(&scenario.arm, &payload, &scenario.dynamics),
+            body: Body::new(scenario, &payload)?,
             reported_inertia: RigidInertia::new(&scenario.arm, &reported),
             known: KnownInertia::new(&scenario.arm, &reported),
             root_delay: scenario.delay_samples("root_wheel.dead_time", root.dead_time)?,
@@ -95,8 +93,9 @@ impl Plan {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FlightState {
     sample: u64,
-    /// theta, alpha, beta and their rates.
-    motion: [f64; 6],
+    motion: Motion,
+    /// What is seen of the motion.
+    outputs: Outputs,
     root: WheelState<f64>,
     tip: WheelState<f64>,
     /// Commands on their way to the wheels, oldest first.
@@ -122,21 +121,14 @@ pub struct Flight {
 impl Flight {
     /// At t = 0; `noise` feeds the sensors.
     pub fn new(plan: Plan, noise: Stream) -> Self {
-        let start = &plan.scenario.initial;
-        let motion = [
-            start.slew_angle,
-            start.alpha,
-            start.beta,
-            start.slew_rate,
-            start.alpha_rate,
-            start.beta_rate,
-        ];
-        let output = outputs(&motion);
-        let deflection = 2.0 * (start.alpha + start.beta);
+        let motion = plan.body.start(&plan.scenario);
+        let outputs = plan.body.outputs(&motion, &plan.timeline.extension(0.0));
+        let output = measurable(&outputs);
         let mut flight = Self {
             state: FlightState {
                 sample: 0,
                 motion,
+                outputs,
                 root: WheelState::rest(),
                 tip: WheelState::rest(),
                 root_line: VecDeque::from(vec![0.0; plan.root_delay]),
@@ -145,7 +137,7 @@ impl Flight {
                 noise,
                 measured: output,
                 memory: LawMemory::fresh(),
-                metrics: Accumulator::new(plan.direction() * start.slew_angle, deflection),
+                metrics: Accumulator::new(plan.direction() * outputs.slew[0], outputs.tip[0]),
                 torques: [0.0; 3],
             },
             plan,
@@ -165,8 +157,17 @@ impl Flight {
     }
 
     /// Replaces the state by one taken from a flight of the same plan.
-    pub fn set_state(&mut self, state: FlightState) {
+    ///
+    /// # Errors
+    /// A state of another plant; nothing has changed then.
+    pub fn set_state(&mut self, state: FlightState) -> Result<(), SnapshotError> {
+        if !self.plan.body.owns(&state.motion) {
+            return Err(SnapshotError::Damaged(
+                "it holds the state of another plant".into(),
+            ));
+        }
         self.state = state;
+        Ok(())
     }
 
     /// Samples flown.
@@ -179,16 +180,20 @@ impl Flight {
         self.state.sample as f64 * self.plan.scenario.sample_period
     }
 
-    /// theta, alpha, beta.
+    /// Slew angle (rad) and half the deflections of the links' ends (m): theta, alpha, beta.
     pub fn position(&self) -> [f64; 3] {
-        let [theta, alpha, beta, ..] = self.state.motion;
-        [theta, alpha, beta]
+        let Outputs {
+            slew, alpha, beta, ..
+        } = self.state.outputs;
+        [slew[0], alpha[0], beta[0]]
     }
 
     /// Rates of theta, alpha, beta.
     pub fn velocity(&self) -> [f64; 3] {
-        let [.., theta, alpha, beta] = self.state.motion;
-        [theta, alpha, beta]
+        let Outputs {
+            slew, alpha, beta, ..
+        } = self.state.outputs;
+        [slew[1], alpha[1], beta[1]]
     }
 
     /// Measured slew angle (rad), slew rate (rad/s), link-2 tip deflection (m) and its rate (m/s).
@@ -206,10 +211,10 @@ impl Flight {
         self.plan.timeline.extension(self.time())
     }
 
-    /// Tip deflection 2 (alpha + beta), m, and its rate, m/s.
+    /// Deflection of the arm's tip from the rotating axis, m, and its rate, m/s; in the thesis plant
+    /// 2 (alpha + beta).
     pub fn tip_deflection(&self) -> (f64, f64) {
-        let [_, alpha, beta, _, alpha_rate, beta_rate] = self.state.motion;
-        (2.0 * (alpha + beta), 2.0 * (alpha_rate + beta_rate))
+        self.state.outputs.tip.into()
     }
 
     /// Torques at the beginning of the last sample, N m: slew motor, root wheel, tip wheel.
@@ -224,20 +229,15 @@ impl Flight {
 
     /// Whether every coordinate and rate is finite.
     pub fn is_finite(&self) -> bool {
-        self.state.motion.iter().all(|value| value.is_finite())
+        self.state.outputs.is_finite()
     }
 
     /// Kinetic and potential energy now, J.
     pub fn energy(&self) -> Energy {
-        let scenario = &self.plan.scenario;
-        energy(
-            &scenario.arm,
-            &self.plan.payload,
-            &scenario.dynamics,
-            &self.extension(),
-            self.position(),
-            self.velocity(),
-        )
+        let (scenario, payload) = (&self.plan.scenario, &self.plan.payload);
+        self.plan
+            .body
+            .energy(&self.state.motion, &self.extension(), scenario, payload)
     }
 
     /// Metrics of the flight so far.
@@ -305,6 +305,7 @@ impl Flight {
 
         self.integrate_sample(&command, slew);
         self.state.sample += 1;
+        self.state.outputs = self.plan.body.outputs(&self.state.motion, &self.extension());
         self.sense();
 
         let [_, root_torque, tip_torque] = self.state.torques;
@@ -314,8 +315,8 @@ impl Flight {
         );
         if self.is_finite() {
             let sample = Sample {
-                slew_angle: self.state.motion[0],
-                slew_error: self.state.motion[0] - self.reference().angle,
+                slew_angle: self.position()[0],
+                slew_error: self.position()[0] - self.reference().angle,
                 reach: self.plan.scenario.arm.link1.length + self.extension().length,
                 deflection: self.tip_deflection().0,
                 after_slew: self.time() >= self.plan.slew_end_time,
@@ -359,7 +360,6 @@ impl Flight {
                 }
             };
             let leg = Leg {
-                constants: &self.plan.constants,
                 inertia: &self.plan.reported_inertia,
                 piece,
                 slew,
@@ -370,14 +370,15 @@ impl Flight {
                 steps: steps as usize,
             };
             let dynamics = &scenario.dynamics;
-            let fly = match (dynamics.axial_load, dynamics.particle_following) {
-                (true, false) => Leg::fly::<true, false>,
-                (false, false) => Leg::fly::<false, false>,
-                (true, true) => Leg::fly::<true, true>,
-                (false, true) => Leg::fly::<false, true>,
-            };
+            let switches = (dynamics.axial_load, dynamics.particle_following);
             let state = &mut self.state;
-            let torques = fly(&leg, &mut state.motion, &mut state.root, &mut state.tip);
+            let torques = self.plan.body.fly(
+                &leg,
+                switches,
+                &mut state.motion,
+                &mut state.root,
+                &mut state.tip,
+            );
             first.get_or_insert(torques);
             time = until;
             index += 1;
@@ -389,7 +390,7 @@ impl Flight {
 
     /// Reads the sensors at the present instant.
     fn sense(&mut self) {
-        let truth = outputs(&self.state.motion);
+        let truth = measurable(&self.state.outputs);
         self.state.sensor_line.push_back(truth);
         let mut measured = self.state.sensor_line.pop_front().unwrap_or(truth);
         let sensors = &self.plan.scenario.sensors;
@@ -408,108 +409,7 @@ impl Flight {
 }
 
 /// Slew angle and rate, link-2 tip deflection 2 beta and its rate.
-fn outputs(motion: &[f64; 6]) -> [f64; 4] {
-    let [theta, _, beta, theta_rate, _, beta_rate] = *motion;
-    [theta, theta_rate, 2.0 * beta, 2.0 * beta_rate]
-}
-
-/// One wheel over a leg.
-#[derive(Debug, Clone, Copy)]
-struct WheelDrive<T> {
-    command: T,
-    memory: T,
-    decay: T,
-    momentum_limit: T,
-}
-
-/// Equal integration steps within one piece of the timeline, under held commands.
-struct Leg<'a, T> {
-    constants: &'a Constants<T>,
-    inertia: &'a RigidInertia<T>,
-    piece: &'a Piece<T>,
-    slew: Option<T>,
-    root: WheelDrive<T>,
-    tip: WheelDrive<T>,
-    /// Time since the piece's start, s.
-    from: T,
-    h: T,
-    steps: usize,
-}
-
-impl<T: Lane> Leg<'_, T> {
-    /// Advances the motion and the wheels; returns the torques at the beginning.
-    #[inline(always)]
-    fn fly<const AXIAL: bool, const FOLLOW: bool>(
-        &self,
-        motion: &mut [T; 6],
-        root: &mut WheelState<T>,
-        tip: &mut WheelState<T>,
-    ) -> Torques<T> {
-        let at = |u: T| {
-            let extension = self.piece.extension(u);
-            let prepared = Prepared::new(self.constants.matrices::<AXIAL, FOLLOW>(&extension));
-            let slew = self.slew.unwrap_or_else(|| {
-                let (accel, rate) = self.piece.motion(u);
-                self.inertia.slew_torque(&extension, rate, accel)
-            });
-            (prepared, slew)
-        };
-        let wheel = |state: &mut WheelState<T>, drive: &WheelDrive<T>| {
-            state.step(
-                drive.command,
-                drive.memory,
-                drive.decay,
-                drive.momentum_limit,
-                self.h,
-            )
-        };
-        let mut now = at(self.from);
-        let mut first = None;
-        for step in 0..self.steps {
-            let u = self.from + self.h * (step as f64);
-            let (root_torque, tip_torque) = (wheel(root, &self.root), wheel(tip, &self.tip));
-            let middle = at(u + self.h * 0.5);
-            let end = at(u + self.h);
-            let start_torques = Torques {
-                slew: now.1,
-                root: root_torque.start,
-                tip: tip_torque.start,
-            };
-            first.get_or_insert(start_torques);
-            *motion = rk4_step(motion, self.h, |stage, y| {
-                let (prepared, torques) = match stage {
-                    Stage::Start => (&now.0, start_torques),
-                    Stage::Middle => (
-                        &middle.0,
-                        Torques {
-                            slew: middle.1,
-                            root: root_torque.middle,
-                            tip: tip_torque.middle,
-                        },
-                    ),
-                    Stage::End => (
-                        &end.0,
-                        Torques {
-                            slew: end.1,
-                            root: root_torque.end,
-                            tip: tip_torque.end,
-                        },
-                    ),
-                };
-                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *y;
-                let [a, b, c] = prepared.acceleration(
-                    &[theta, alpha, beta],
-                    &[theta_rate, alpha_rate, beta_rate],
-                    &torques,
-                );
-                [theta_rate, alpha_rate, beta_rate, a, b, c]
-            });
-            now = end;
-        }
-        first.unwrap_or(Torques {
-            slew: now.1,
-            root: T::splat(0.0),
-            tip: T::splat(0.0),
-        })
-    }
+fn measurable(outputs: &Outputs) -> [f64; 4] {
+    let Outputs { slew, beta, .. } = outputs;
+    [slew[0], slew[1], 2.0 * beta[0], 2.0 * beta[1]]
 }

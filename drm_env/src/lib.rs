@@ -13,16 +13,17 @@
 //! **Units.** SI and radians throughout.
 //!
 //! # Map
-//! [`arm`], [`plant`], [`modal`], [`model`]: the mechanics. [`profile`], [`deployment`],
-//! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`lane`],
+//! [`arm`], [`plant`], [`shape`], [`modal`], [`model`]: the mechanics. [`profile`], [`deployment`],
+//! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`implicit`], [`lane`],
 //! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
-//! [`scenario`], [`distribution`], [`parameter`], [`config`]: manoeuvres and environments as data.
-//! [`flight`], [`metrics`], [`task`], [`env`], [`batch`], [`rollout`]: what flies them.
+//! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
+//! [`body`], [`flight`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`]: what flies them.
 //! [`render`], [`scene`]: pictures.
 
 pub mod actuator;
 pub mod arm;
 pub mod batch;
+pub mod body;
 pub mod config;
 pub mod control;
 pub mod deployment;
@@ -30,12 +31,14 @@ pub mod distribution;
 pub mod env;
 pub mod error;
 pub mod flight;
+pub mod implicit;
 pub mod integrator;
 pub mod lane;
 pub mod metrics;
 pub mod modal;
 pub mod model;
 pub mod motor;
+pub mod options;
 pub mod parameter;
 pub mod plant;
 pub mod profile;
@@ -45,6 +48,7 @@ pub mod rng;
 pub mod rollout;
 pub mod scenario;
 pub mod scene;
+pub mod shape;
 pub mod task;
 pub mod timeline;
 

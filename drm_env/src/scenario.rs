@@ -9,6 +9,7 @@ use crate::deployment::Deployment;
 use crate::error::ConfigError;
 use crate::modal::fastest_frequency;
 use crate::motor::MotorConstants;
+use crate::plant::consistent::CAPACITY;
 use crate::plant::{Dynamics, PlantModel};
 use crate::profile::Slew;
 
@@ -147,6 +148,8 @@ pub struct Scenario {
     pub sensors: Sensors,
     /// Equations of motion.
     pub plant: PlantModel,
+    /// Assumed modes of link 1 and link 2 in the consistent plant; the thesis plant has one each.
+    pub modes: [usize; 2],
     /// Switches of the equations of motion.
     pub dynamics: Dynamics,
     /// Longest integration step, s.
@@ -172,6 +175,7 @@ impl Default for Scenario {
             slew_motor: SlewMotor::default(),
             sensors: Sensors::default(),
             plant: PlantModel::default(),
+            modes: [4, 4],
             dynamics: Dynamics::default(),
             // thesis section 4.1: Runge-Kutta at 0.5 ms, control at 2 ms
             integrator_step: 5e-4,
@@ -282,7 +286,27 @@ impl Scenario {
                 self.horizon,
             ));
         }
-        self.validate_step(&payload)
+        match self.plant {
+            PlantModel::Thesis => self.validate_step(&payload),
+            PlantModel::Consistent => {
+                // implicit: stable with any step
+                positive("integrator_step", self.integrator_step)?;
+                self.validate_modes()
+            }
+        }
+    }
+
+    fn validate_modes(&self) -> Result<(), ConfigError> {
+        let most = (CAPACITY - 1) / 2;
+        if self.modes.iter().all(|count| (1..=most).contains(count)) {
+            return Ok(());
+        }
+        let [link1, link2] = self.modes;
+        Err(ConfigError::value(
+            "modes",
+            format!("must be 1 to {most} for each link"),
+            format!("[{link1}, {link2}]"),
+        ))
     }
 
     /// Dead time or delay in whole samples.

@@ -25,6 +25,7 @@ pub fn scene(flight: &Flight) -> Scene {
         extension: extension.length,
         alpha,
         beta,
+        turning: tip_deflection - 2.0 * (alpha + beta),
         payload_length: plan.payload.length,
         payload_width: plan.payload.width,
         payload_mass: plan.payload.mass,

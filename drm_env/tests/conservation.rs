@@ -6,6 +6,7 @@ use drm_env::arm::{Arm, Link, Payload, PayloadInertia};
 use drm_env::control::{Law, WheelTorques};
 use drm_env::deployment::{Deployment, DeploymentMode};
 use drm_env::flight::{Flight, Plan};
+use drm_env::plant::PlantModel;
 use drm_env::plant::energy::angular_momentum;
 use drm_env::profile::{Slew, SlewProfile};
 use drm_env::rng::{Purpose, Seed, Stream};
@@ -182,6 +183,7 @@ fn scenarios() -> impl Strategy<Value = Scenario> {
         (-1.5..1.5_f64, 0.005..0.05_f64, 0.0..0.2_f64, any::<bool>()),
         (1.5..8.0_f64, 1.5..8.0_f64, 0..3_u8),
         (0.0..0.02_f64, 0.0..0.01_f64, 0.0..0.01_f64),
+        any::<bool>(),
     )
         .prop_map(
             |(
@@ -189,6 +191,7 @@ fn scenarios() -> impl Strategy<Value = Scenario> {
                 (angle, max_accel, smoothing, energy),
                 (start, end, mode),
                 (lag, dead_time, delay),
+                consistent,
             )| {
                 let mut scenario = Scenario {
                     payload: Payload {
@@ -231,6 +234,12 @@ fn scenarios() -> impl Strategy<Value = Scenario> {
                         lag,
                         ..TipWheel::default()
                     },
+                    plant: if consistent {
+                        PlantModel::Consistent
+                    } else {
+                        PlantModel::Thesis
+                    },
+                    modes: [2, 3],
                     horizon: 4.0,
                     ..Scenario::default()
                 };

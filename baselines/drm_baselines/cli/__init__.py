@@ -12,6 +12,8 @@ from drm_baselines.cli.compare import compare
 from drm_baselines.cli.demo import demo
 from drm_baselines.cli.evaluate import evaluate
 from drm_baselines.cli.info import info
+from drm_baselines.cli.modes import modes
+from drm_baselines.cli.reproduce import reproduce
 from drm_baselines.cli.simulate import simulate
 from drm_baselines.cli.train import train
 
@@ -24,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (info, simulate, compare, train, evaluate, demo):
+for _command in (info, modes, simulate, compare, train, evaluate, demo, reproduce):
     app.command()(_command)
 
 

@@ -5,6 +5,7 @@ use drm_env::arm::{PayloadInertia, PayloadProperties};
 use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
 use drm_env::control::{KnownInertia, Law as EngineLaw, LawMemory, Measurement};
 use drm_env::error::{ConfigError, Error};
+use drm_env::linear::{INPUT_NAMES, OUTPUT_NAMES};
 use drm_env::metrics::METRIC_NAMES;
 use drm_env::plant::{Extension, Torques};
 use drm_env::rng::Seed;
@@ -37,12 +38,8 @@ fn triple(name: &str, values: &In1<'_, f64>) -> Outcome<[f64; 3]> {
 }
 
 /// The rows of a matrix of nalgebra, which stores columns.
-fn dense<'py, const R: usize, const C: usize>(
-    py: Python<'py>,
-    at: impl Fn(usize, usize) -> f64,
-) -> Out2<'py, f64> {
-    let rows: [[f64; C]; R] = std::array::from_fn(|i| std::array::from_fn(|j| at(i, j)));
-    Out2::matrix(py, &rows)
+fn dense<'py>(py: Python<'py>, matrix: &DMatrix<f64>) -> Out2<'py, f64> {
+    Out2::new(py, matrix.shape(), matrix.transpose().as_slice())
 }
 
 #[pymethods]
@@ -63,12 +60,8 @@ impl Model {
         slew_rate: f64,
     ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>, Out2<'py, f64>)> {
         let at = extension(length, rate, accel);
-        let [m, c, k] = guarded(|| self.0.matrices(&at, slew_rate))?;
-        Ok((
-            dense::<3, 3>(py, |i, j| m[(i, j)]),
-            dense::<3, 3>(py, |i, j| c[(i, j)]),
-            dense::<3, 3>(py, |i, j| k[(i, j)]),
-        ))
+        let [m, c, k] = detached(py, || Ok(self.0.matrices(&at, slew_rate)?))?;
+        Ok((dense(py, &m), dense(py, &c), dense(py, &k)))
     }
 
     /// q'' at an extension (length, rate, acceleration) under (slew, root, tip) torques.
@@ -114,20 +107,38 @@ impl Model {
         guarded(|| self.0.angular_momentum(&extension(length, rate, 0.0), q, v))
     }
 
-    /// Elastic angular frequencies (rad/s) and shapes, one a row.
-    fn modes<'py>(
+    /// Elastic angular frequencies, rising, rad/s.
+    #[pyo3(signature = (length, count))]
+    fn natural_frequencies<'py>(
         &self,
         py: Python<'py>,
         length: f64,
-    ) -> Outcome<(Out1<'py, f64>, Out2<'py, f64>)> {
-        let modes = guarded(|| self.0.modes(length))?;
+        count: Option<usize>,
+    ) -> Outcome<Out1<'py, f64>> {
+        let found = detached(py, || Ok(self.0.natural_frequencies(length, count)?))?;
+        Ok(Out1::vector(py, &found))
+    }
+
+    /// Distances from the shoulder, displacements (a mode a row), angular frequencies (rad/s).
+    #[allow(clippy::type_complexity)]
+    #[pyo3(signature = (length, count))]
+    fn mode_shapes<'py>(
+        &self,
+        py: Python<'py>,
+        length: f64,
+        count: Option<usize>,
+    ) -> Outcome<(Out1<'py, f64>, Out2<'py, f64>, Out1<'py, f64>)> {
+        let found = detached(py, || Ok(self.0.mode_shapes(length, count)?))?;
+        let shape = (found.displacements.len(), found.positions.len());
         Ok((
-            Out1::vector(py, &modes.frequencies),
-            Out2::matrix(py, &modes.shapes),
+            Out1::vector(py, &found.positions),
+            Out2::new(py, shape, &found.displacements.concat()),
+            Out1::vector(py, &found.frequencies),
         ))
     }
 
-    /// A and B about the undeflected arm.
+    /// A, B and C about the undeflected arm; names of states, inputs and outputs.
+    #[allow(clippy::type_complexity)]
     fn linearize<'py>(
         &self,
         py: Python<'py>,
@@ -135,12 +146,19 @@ impl Model {
         rate: f64,
         accel: f64,
         slew_rate: f64,
-    ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>)> {
+    ) -> Outcome<(
+        (Out2<'py, f64>, Out2<'py, f64>, Out2<'py, f64>),
+        (Vec<String>, Vec<&'static str>, Vec<&'static str>),
+    )> {
         let at = extension(length, rate, accel);
-        let (a, b) = guarded(|| self.0.linearize(&at, slew_rate))?;
+        let found = detached(py, || Ok(self.0.linearize(&at, slew_rate)?))?;
         Ok((
-            dense::<6, 6>(py, |i, j| a[(i, j)]),
-            dense::<6, 3>(py, |i, j| b[(i, j)]),
+            (
+                dense(py, &found.a),
+                dense(py, &found.b),
+                dense(py, &found.c),
+            ),
+            (found.states, INPUT_NAMES.to_vec(), OUTPUT_NAMES.to_vec()),
         ))
     }
 }

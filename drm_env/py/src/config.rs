@@ -1,6 +1,7 @@
 //! Configuration as text, and the names that go with it.
 
-use drm_env::config::{EnvConfig, OPTIONS};
+use drm_env::config::EnvConfig;
+use drm_env::options::OPTIONS;
 use drm_env::error::{ConfigError, Error};
 use drm_env::metrics::METRIC_NAMES;
 use drm_env::parameter::PARAMETERS;

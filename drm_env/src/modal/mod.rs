@@ -1,71 +1,71 @@
-//! Natural frequencies and mode shapes of the arm at a fixed length.
+//! Natural frequencies and mode shapes of the arm at rest at a fixed length.
+//!
+//! - [`thesis`]: the two elastic modes of the plant that is flown.
+//! - [`assumed`]: the Rayleigh-Ritz method with any number of shapes.
+//! - [`exact`]: the characteristic equation of a uniform beam on a hub: the arm with rigid link 1.
+//! - [`finite_element`]: the whole arm as a beam in three segments.
+//! - [`torsion`]: twist of the arm as a massless shaft.
+//! - [`appendix_e`]: the finite-element model behind Table 2-11.
 
-use nalgebra::{Matrix2, Matrix3, SymmetricEigen};
+pub mod appendix_e;
+pub mod assumed;
+pub mod beam;
+pub mod exact;
+pub mod finite_element;
+mod pencil;
+pub mod thesis;
+pub mod torsion;
 
-use crate::arm::{Arm, PayloadProperties};
-use crate::plant::thesis::Constants;
-use crate::plant::{Dynamics, Extension};
+pub use assumed::{AssumedArm, Kinematics};
+pub use beam::{Root, Segment, SegmentedBeam, TipBody, UniformBeam};
+pub use finite_element::FiniteElementBeam;
+pub use thesis::{ElasticModes, elastic_modes, fastest_frequency, matrices_at_rest};
 
-/// The two elastic modes of the thesis plant at rest and at a fixed length; the rigid rotation is
-/// left out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ElasticModes {
+use pencil::{Eigenpair, Field};
+
+/// Natural vibrations as displacements of the arm's axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModeShapes {
+    /// Distances from the shoulder along the undeformed arm, rising from 0 to the tip, m.
+    pub positions: Vec<f64>,
+    /// Transverse displacements at the positions, one list a mode. The rotation that keeps the
+    /// angular momentum zero is part of them. Largest magnitude 1, the tip not negative.
+    pub displacements: Vec<Vec<f64>>,
     /// Angular frequencies, rising, rad/s.
-    pub frequencies: [f64; 2],
-    /// Shapes (theta, alpha, beta), one a mode, scaled to unit tip displacement
-    /// R theta + 2 (alpha + beta) = 1 where that is not zero.
-    pub shapes: [[f64; 3]; 2],
+    pub frequencies: Vec<f64>,
 }
 
-/// Mass and bending stiffness at rest, as matrices.
-pub fn matrices_at_rest(
-    arm: &Arm,
-    payload: &PayloadProperties,
-    extension: f64,
-) -> (Matrix3<f64>, Matrix3<f64>) {
-    let still = Extension {
-        length: extension,
-        rate: 0.0,
-        accel: 0.0,
-    };
-    let m = Constants::new(arm, payload, &Dynamics::default()).matrices::<false, false>(&still);
-    let dense = |rows: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| rows[i][j]);
-    (dense(m.mass), dense(m.stiffness))
+/// `points` equally spaced distances from 0 to `reach`.
+fn places(reach: f64, points: usize) -> Vec<f64> {
+    let last = points.max(2) - 1;
+    (0..=last).map(|i| reach * i as f64 / last as f64).collect()
 }
 
-/// Solves K x = w^2 M x of the free arm: theta has no stiffness and is eliminated.
-pub fn elastic_modes(arm: &Arm, payload: &PayloadProperties, extension: f64) -> ElasticModes {
-    let (m, k) = matrices_at_rest(arm, payload, extension);
-    let elastic = |full: &Matrix3<f64>| full.fixed_view::<2, 2>(1, 1).into_owned();
-    let coupling = nalgebra::Vector2::new(m[(0, 1)], m[(0, 2)]);
-    let mass = elastic(&m) - coupling * coupling.transpose() / m[(0, 0)];
-    let inverse_root = inverse_square_root(&mass);
-    let eigen = SymmetricEigen::new(inverse_root * elastic(&k) * inverse_root);
-    let mut order = [0, 1];
-    if eigen.eigenvalues[0] > eigen.eigenvalues[1] {
-        order = [1, 0];
+/// Largest magnitude 1, the tip not negative.
+fn normalised(mut shape: Vec<f64>) -> Vec<f64> {
+    let peak = shape.iter().fold(0.0_f64, |peak, y| peak.max(y.abs()));
+    let tip = shape.last().copied().unwrap_or(0.0);
+    let scale = if tip < 0.0 { -peak } else { peak };
+    if peak > 0.0 {
+        for y in &mut shape {
+            *y /= scale;
+        }
     }
-    let reach = arm.link1.length + extension;
-    let shape = |column: usize| {
-        let x = inverse_root * eigen.eigenvectors.column(column);
-        let theta = -coupling.dot(&x) / m[(0, 0)];
-        let tip = reach * theta + 2.0 * (x[0] + x[1]);
-        let scale = if tip.abs() > 1e-12 { 1.0 / tip } else { 1.0 };
-        [theta * scale, x[0] * scale, x[1] * scale]
-    };
-    ElasticModes {
-        frequencies: order.map(|i| libm::sqrt(eigen.eigenvalues[i].max(0.0))),
-        shapes: order.map(shape),
+    shape
+}
+
+fn frequencies(pairs: &[Eigenpair]) -> Vec<f64> {
+    pairs.iter().map(|pair| pair.frequency).collect()
+}
+
+fn sampled(field: &impl Field, pairs: &[Eigenpair], reach: f64, points: usize) -> ModeShapes {
+    let positions = places(reach, points);
+    let rows: Vec<_> = positions.iter().map(|&x| field.at(x).value).collect();
+    let shape =
+        |pair: &Eigenpair| normalised(rows.iter().map(|row| row.dot(&pair.coordinates)).collect());
+    ModeShapes {
+        displacements: pairs.iter().map(shape).collect(),
+        frequencies: frequencies(pairs),
+        positions,
     }
-}
-
-/// Largest elastic angular frequency at a length, rad/s.
-pub fn fastest_frequency(arm: &Arm, payload: &PayloadProperties, extension: f64) -> f64 {
-    elastic_modes(arm, payload, extension).frequencies[1]
-}
-
-fn inverse_square_root(matrix: &Matrix2<f64>) -> Matrix2<f64> {
-    let eigen = SymmetricEigen::new(*matrix);
-    let roots = eigen.eigenvalues.map(|value| 1.0 / libm::sqrt(value));
-    eigen.eigenvectors * Matrix2::from_diagonal(&roots) * eigen.eigenvectors.transpose()
 }

@@ -1,5 +1,6 @@
 //! Equations of motion of the deploying arm. Not torque limits, randomness or reward.
 
+pub mod consistent;
 pub mod energy;
 pub mod thesis;
 
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::arm::{Arm, PayloadProperties, non_negative};
 use crate::error::ConfigError;
+use crate::implicit::GeneralizedAlpha;
 use crate::lane::Lane;
 
 /// Which equations of motion are integrated.
@@ -17,6 +19,8 @@ pub enum PlantModel {
     /// The thesis' three degrees of freedom in closed form (appendix C).
     #[default]
     Thesis,
+    /// The slope-continuous arm with any number of modes and followed particles (not in the thesis).
+    Consistent,
 }
 
 /// Which coordinates the tip wheel's torque does work on.
@@ -36,14 +40,17 @@ pub enum TipTorque {
 pub struct Dynamics {
     /// Stiffening by the axial load (thesis section 2.4).
     pub axial_load: bool,
-    /// Follow the moving particles of link 2, with the full Coriolis load of the payload
-    /// (not in the thesis).
+    /// Follow the moving particles of link 2 in the thesis plant, with the full Coriolis load of the
+    /// payload (not in the thesis); the consistent plant always does.
     pub particle_following: bool,
     /// Generalised force of the tip wheel.
     pub tip_torque: TipTorque,
     /// Kelvin-Voigt time constant of the links' bending, s: a mode of angular frequency w gets the
     /// damping ratio w/2 times this. The thesis has none.
     pub structural_damping: f64,
+    /// Spectral radius at infinite frequency of the consistent plant's implicit integrator: 1 damps
+    /// nothing, smaller values damp what the step cannot resolve.
+    pub spectral_radius: f64,
 }
 
 impl Default for Dynamics {
@@ -53,6 +60,7 @@ impl Default for Dynamics {
             particle_following: false,
             tip_torque: TipTorque::SlewAndTip,
             structural_damping: 0.0,
+            spectral_radius: 0.8,
         }
     }
 }
@@ -60,7 +68,8 @@ impl Default for Dynamics {
 impl Dynamics {
     /// Refuses a negative damping.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        non_negative("structural_damping", self.structural_damping)
+        non_negative("structural_damping", self.structural_damping)?;
+        GeneralizedAlpha::new(self.spectral_radius).map(|_| ())
     }
 }
 

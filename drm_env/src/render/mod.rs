@@ -3,9 +3,11 @@
 //! World coordinates are metres with the shoulder at the origin, x along slew angle zero and y to
 //! the left of it, so positive angles and deflections turn counter-clockwise in the picture.
 
-use font8x8::legacy::BASIC_LEGACY;
+mod canvas;
+
 use std::f64::consts::{PI, TAU};
-use tiny_skia::{Color, FillRule, Paint, PathBuilder, Pixmap, Stroke, StrokeDash, Transform};
+
+use canvas::Canvas;
 
 /// What one frame shows. Lengths and deflections are in metres, angles in radians.
 ///
@@ -28,6 +30,9 @@ pub struct Scene {
     pub alpha: f64,
     /// Modal coordinate of link 2, m: y2(x) = beta phi(x / extension), on top of y1(L1).
     pub beta: f64,
+    /// What the end slope of link 1 adds to the deflection of link 2's tip, m; 0 where link 2 does
+    /// not turn.
+    pub turning: f64,
     /// Payload length along the arm, m.
     pub payload_length: f64,
     /// Payload width across the arm, m.
@@ -78,7 +83,7 @@ const MAX_DRAWN_SLOPE: f64 = PI / 3.0;
 /// depends on the target, not on the motion, unless the arm leaves the camera's sector. A size
 /// the rasteriser cannot hold gives a blank picture; a zero size gives an empty buffer.
 pub fn draw(scene: &Scene, width: u32, height: u32) -> Vec<u8> {
-    let Some(pixmap) = Pixmap::new(width, height) else {
+    let Some(mut canvas) = Canvas::new(width, height, PAPER) else {
         return vec![255; width as usize * height as usize * 3];
     };
     let (w, h) = (f64::from(width), f64::from(height));
@@ -88,9 +93,6 @@ pub fn draw(scene: &Scene, width: u32, height: u32) -> Vec<u8> {
     let shown = if with_text { unit } else { 0.0 };
     let (header, footer) = (80.0 * shown, 36.0 * shown);
     let pad = if with_text { 30.0 * unit } else { 6.0 };
-    let mut canvas = Canvas { pixmap };
-    let [r, g, b] = PAPER;
-    canvas.pixmap.fill(Color::from_rgba8(r, g, b, 255));
     let arm = Arm::new(scene);
     let frame = (pad, header + pad, w - pad, h - footer - pad);
     let view = View::new(scene, arm.reach, frame);
@@ -106,8 +108,7 @@ pub fn draw(scene: &Scene, width: u32, height: u32) -> Vec<u8> {
         let note = format!("x{}", factor(arm.magnification));
         canvas.text((3.0, h - 9.0), 6.0, &note, INK);
     }
-    let pixels = canvas.pixmap.data().chunks_exact(4);
-    pixels.flat_map(|p| [p[0], p[1], p[2]]).collect()
+    canvas.into_rgb()
 }
 
 /// Draw `scene` as 24 lines of up to 60 characters and two lines of readings, in ASCII.
@@ -196,8 +197,9 @@ impl Arm {
         let reach = l1 + l2.max(a) + lp;
         let reach = if reach > 1e-6 { reach } else { 1.0 };
         let (alpha, beta) = (scene.alpha, scene.beta);
+        let turn = finite(scene.turning, 0.0);
         let wanted = finite(scene.magnification, 1.0).clamp(0.0, 1e9);
-        let largest = (2.0 * alpha).abs().max((2.0 * (alpha + beta)).abs());
+        let largest = (2.0 * alpha).abs().max((2.0 * (alpha + beta) + turn).abs());
         let limit = MAX_DRAWN_DEFLECTION * reach / largest;
         let reduced = largest.is_finite() && limit < wanted;
         let magnification = if reduced { limit } else { wanted };
@@ -219,15 +221,17 @@ impl Arm {
         }
         let phi = |u: f64| (3.0 - u) * u * u;
         let y1 = |x: f64| magnification * alpha * phi(ratio(x, l1));
-        let y2 = |x: f64| magnification * (2.0 * alpha + beta * phi(ratio(x - l1, a)));
-        let tip_y = magnification * 2.0 * (alpha + beta);
+        let y2 = |x: f64| {
+            magnification * (2.0 * alpha + turn * ratio(x - l1, a) + beta * phi(ratio(x - l1, a)))
+        };
+        let tip_y = magnification * (2.0 * (alpha + beta) + turn);
         let (sin, cos) = scene.slew_angle.sin_cos();
         let place = |x: f64, y: f64| (x * cos - y * sin, x * sin + y * cos);
         let sweep = |from: f64, to: f64, y: &dyn Fn(f64) -> f64| -> Vec<Point> {
             let at = |i: i32| from + (to - from) * f64::from(i) / 96.0;
             (0..=96).map(|i| place(at(i), y(at(i)))).collect()
         };
-        let slope = ratio(magnification * 3.0 * beta, a).atan();
+        let slope = ratio(magnification * (3.0 * beta + turn), a).atan();
         let tip_angle = scene.slew_angle + slope.clamp(-MAX_DRAWN_SLOPE, MAX_DRAWN_SLOPE);
         let tip = place(l1 + a, tip_y);
         let exists = lp > 0.0 || scene.payload_width > 0.0;
@@ -470,96 +474,6 @@ fn draw_footer(canvas: &mut Canvas, view: &View, arm: &Arm, size: (f64, f64, f64
     canvas.text((start, y), glyph, &label, INK);
 }
 
-/// Anti-aliased drawing in pixel coordinates; points that are not finite draw nothing.
-struct Canvas {
-    pixmap: Pixmap,
-}
-
-impl Canvas {
-    fn polygon(&mut self, points: &[Point], rgb: Rgb) {
-        let mut builder = PathBuilder::new();
-        if trace(&mut builder, points) {
-            builder.close();
-            self.fill(builder, rgb);
-        }
-    }
-
-    fn fill(&mut self, builder: PathBuilder, rgb: Rgb) {
-        if let Some(path) = builder.finish() {
-            let transform = Transform::identity();
-            self.pixmap
-                .fill_path(&path, &paint(rgb), FillRule::Winding, transform, None);
-        }
-    }
-
-    fn line(&mut self, points: &[Point], width: f64, rgb: Rgb, dash: Option<[f64; 2]>) {
-        let mut builder = PathBuilder::new();
-        if !trace(&mut builder, points) {
-            return;
-        }
-        if let Some(path) = builder.finish() {
-            let dash = dash.and_then(|d| StrokeDash::new(d.map(|v| v as f32).to_vec(), 0.0));
-            let stroke = Stroke {
-                width: width as f32,
-                dash,
-                ..Stroke::default()
-            };
-            let transform = Transform::identity();
-            self.pixmap
-                .stroke_path(&path, &paint(rgb), &stroke, transform, None);
-        }
-    }
-
-    /// ASCII text from its top left corner, `size` pixels a character, a third higher than wide.
-    fn text(&mut self, (left, top): Point, size: f64, text: &str, rgb: Rgb) {
-        let mut builder = PathBuilder::new();
-        for (i, byte) in text.bytes().enumerate() {
-            let glyph = BASIC_LEGACY[usize::from(byte.min(127))];
-            let lit = |x: usize, y: usize| x < 8 && y < 8 && glyph[y] >> x & 1 == 1;
-            let mut shape = |corners: [Point; 4]| {
-                let at = |(x, y)| (left + (i as f64 + x / 8.0) * size, top + y / 6.0 * size);
-                if trace(&mut builder, &corners.map(at)) {
-                    builder.close();
-                }
-            };
-            for (x, y) in (0..64).map(|n| (n % 8, n / 8)) {
-                let (u, v) = (x as f64, y as f64);
-                if lit(x, y) {
-                    shape([(u, v), (u + 1.0, v), (u + 1.0, v + 1.0), (u, v + 1.0)]);
-                }
-                // Bridging dots that touch only at a corner turns staircases into diagonals.
-                let (a, b, c, d) = (lit(x, y), lit(x + 1, y), lit(x, y + 1), lit(x + 1, y + 1));
-                if a == d && b == c && a != b {
-                    shape([
-                        (u + 1.0, v),
-                        (u + 2.0, v + 1.0),
-                        (u + 1.0, v + 2.0),
-                        (u, v + 1.0),
-                    ]);
-                }
-            }
-        }
-        self.fill(builder, rgb);
-    }
-}
-
-/// Add an open contour, or nothing and false when a point is not finite or absurdly far away.
-fn trace(builder: &mut PathBuilder, points: &[Point]) -> bool {
-    let near = points.iter().all(|p| p.0.abs() < 1e6 && p.1.abs() < 1e6);
-    if let (true, [first, rest @ ..]) = (near, points) {
-        builder.move_to(first.0 as f32, first.1 as f32);
-        rest.iter()
-            .for_each(|p| builder.line_to(p.0 as f32, p.1 as f32));
-    }
-    near && !points.is_empty()
-}
-
-fn paint([r, g, b]: Rgb) -> Paint<'static> {
-    let mut paint = Paint::default();
-    paint.set_color_rgba8(r, g, b, 255);
-    paint
-}
-
 fn finite(value: f64, otherwise: f64) -> f64 {
     if value.is_finite() { value } else { otherwise }
 }
@@ -617,199 +531,4 @@ fn factor(value: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn distance(a: Point, b: Point) -> f64 {
-        (a.0 - b.0).hypot(a.1 - b.1)
-    }
-
-    fn scene() -> Scene {
-        Scene {
-            link1_length: 7.0,
-            link2_length: 8.0,
-            slew_angle: 0.5,
-            reference_angle: 0.52,
-            target_angle: 0.87,
-            extension: 5.0,
-            alpha: 0.002,
-            beta: 0.004,
-            payload_length: 1.0,
-            payload_width: 0.5,
-            payload_mass: 200.0,
-            root_torque: 0.4,
-            tip_torque: -0.7,
-            time: 3.0,
-            slew_end_time: 10.0,
-            tip_deflection: 0.012,
-            tip_error: 0.02,
-            magnification: 50.0,
-        }
-    }
-
-    /// Mean column and row of the payload's pixels.
-    fn payload_centre(scene: &Scene) -> Point {
-        let (mut columns, mut rows, mut count) = (0.0, 0.0, 0.0);
-        for (i, pixel) in draw(scene, 320, 320).chunks_exact(3).enumerate() {
-            if pixel == GREEN {
-                columns += (i % 320) as f64;
-                rows += (i / 320) as f64;
-                count += 1.0;
-            }
-        }
-        assert!(count > 20.0, "payload not visible");
-        (columns / count, rows / count)
-    }
-
-    #[test]
-    fn buffer_has_three_bytes_a_pixel() {
-        for (width, height) in [(64, 64), (65, 200), (640, 480), (1, 1), (0, 10)] {
-            let frame = draw(&scene(), width, height);
-            assert_eq!(frame.len(), (width * height * 3) as usize);
-        }
-    }
-
-    #[test]
-    fn same_scene_same_frame_and_other_scene_other_frame() {
-        let first = draw(&scene(), 200, 200);
-        assert_eq!(first, draw(&scene(), 200, 200));
-        assert_ne!(
-            first,
-            draw(
-                &Scene {
-                    slew_angle: 0.6,
-                    ..scene()
-                },
-                200,
-                200
-            )
-        );
-        assert_ne!(
-            first,
-            draw(
-                &Scene {
-                    root_torque: -0.4,
-                    ..scene()
-                },
-                200,
-                200
-            )
-        );
-    }
-
-    #[test]
-    fn tip_follows_the_sign_of_beta() {
-        let at = |slew_angle: f64, beta: f64| {
-            payload_centre(&Scene {
-                slew_angle,
-                beta,
-                alpha: 0.0,
-                ..scene()
-            })
-        };
-        let (up, rest, down) = (at(0.0, 0.01), at(0.0, 0.0), at(0.0, -0.01));
-        assert!(
-            up.1 + 3.0 < rest.1 && rest.1 + 3.0 < down.1,
-            "{up:?} {rest:?} {down:?}"
-        );
-        let (left, right) = (at(PI / 2.0, 0.01), at(PI / 2.0, -0.01));
-        assert!(left.0 + 6.0 < right.0, "{left:?} {right:?}");
-    }
-
-    #[test]
-    fn drawn_tip_is_the_magnified_deflection() {
-        let arm = Arm::new(&Scene {
-            slew_angle: 0.0,
-            ..scene()
-        });
-        let shape = arm.shape.unwrap();
-        // 50 * 2 * (0.002 + 0.004) across, 7 + 5 along.
-        assert!(distance(shape.tip, (12.0, 0.6)) < 1e-12);
-        assert!(distance(shape.tip, shape.outer[96]) < 1e-12);
-        assert!(distance(shape.link1[96], shape.outer[0]) < 1e-12);
-        assert!(distance(shape.inner[0], polar(4.0, 0.0)) < 0.2);
-    }
-
-    #[test]
-    fn large_deflection_reduces_the_factor() {
-        let arm = Arm::new(&Scene {
-            slew_angle: 0.0,
-            beta: 1.0,
-            ..scene()
-        });
-        assert!(arm.reduced && arm.magnification < 50.0);
-        let drawn = arm.shape.unwrap().tip.1;
-        assert!((drawn - arm.magnification * 2.0 * 1.002).abs() < 1e-12);
-        assert!(drawn <= MAX_DRAWN_DEFLECTION * 16.0 + 1e-12);
-    }
-
-    #[test]
-    fn camera_stays_during_a_slew() {
-        let origin = |slew_angle: f64, target_angle: f64| {
-            let scene = Scene {
-                slew_angle,
-                target_angle,
-                ..scene()
-            };
-            View::new(&scene, 16.0, (0.0, 0.0, 640.0, 640.0)).origin
-        };
-        assert_eq!(origin(0.0, 1.5), origin(1.6, 1.5));
-        assert!(origin(0.0, 1.5).1 > 400.0 && origin(0.0, -1.5).1 < 240.0);
-        assert!(distance(origin(0.0, 3.0), (320.0, 320.0)) < 1e-9);
-    }
-
-    #[test]
-    fn odd_values_do_not_panic() {
-        let fields: [fn(&mut Scene) -> &mut f64; 18] = [
-            |s| &mut s.link1_length,
-            |s| &mut s.link2_length,
-            |s| &mut s.slew_angle,
-            |s| &mut s.reference_angle,
-            |s| &mut s.target_angle,
-            |s| &mut s.extension,
-            |s| &mut s.alpha,
-            |s| &mut s.beta,
-            |s| &mut s.payload_length,
-            |s| &mut s.payload_width,
-            |s| &mut s.payload_mass,
-            |s| &mut s.root_torque,
-            |s| &mut s.tip_torque,
-            |s| &mut s.time,
-            |s| &mut s.slew_end_time,
-            |s| &mut s.tip_deflection,
-            |s| &mut s.tip_error,
-            |s| &mut s.magnification,
-        ];
-        for value in [
-            f64::NAN,
-            f64::INFINITY,
-            -f64::INFINITY,
-            0.0,
-            -1.0,
-            1e300,
-            1e-300,
-        ] {
-            let mut all = scene();
-            for field in fields {
-                let mut one = scene();
-                *field(&mut one) = value;
-                *field(&mut all) = value;
-                assert_eq!(draw(&one, 64, 64).len(), 64 * 64 * 3);
-                assert_eq!(ansi(&one).lines().count(), 26);
-            }
-            for size in [64, 400] {
-                assert_eq!(draw(&all, size, size).len(), (size * size * 3) as usize);
-            }
-            assert_eq!(ansi(&all).lines().count(), 26);
-        }
-    }
-
-    #[test]
-    fn text_picture_shows_the_parts() {
-        let picture = ansi(&scene());
-        for symbol in ["=", "#", "-", "@", "O", "x50", "+28.65"] {
-            assert!(picture.contains(symbol), "{symbol} missing in\n{picture}");
-        }
-        assert!(picture.lines().take(24).all(|line| line.len() <= 60));
-    }
-}
+mod tests;

@@ -1,0 +1,151 @@
+"""``drm modes``: natural frequencies of the arm over its length."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+import drm_env
+from drm_baselines import storage
+from drm_baselines.cli.common import console, guarded
+from drm_baselines.errors import BaselineError
+
+PLANTS = ("thesis", "consistent", "finite_element", "exact_rigid_link1")
+
+
+@guarded
+def modes(
+    plant: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"Model of the bending: {', '.join(PLANTS)}. May be repeated; all by default.",
+            show_default=False,
+        ),
+    ] = None,
+    extensions: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--extension",
+            help="Length of link 2 outside link 1, m. May be repeated; 1, 2, ... 8 by default.",
+            show_default=False,
+        ),
+    ] = None,
+    mass: Annotated[float, typer.Option(help="Mass of the payload, kg; 0 for none.")] = 200.0,
+    length: Annotated[
+        float | None,
+        typer.Option(
+            help="Length of the payload along the arm, m; by its mass (Table 2-7) by default.",
+            show_default=False,
+        ),
+    ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(
+            help="Width of the payload across the arm, m; by its mass (Table 2-7) by default.",
+            show_default=False,
+        ),
+    ] = None,
+    inertia: Annotated[
+        str, typer.Option(help="Moment of inertia of the payload: full or slender.")
+    ] = "full",
+    assumed: Annotated[
+        tuple[int, int] | None,
+        typer.Option(
+            "--modes",
+            help="Assumed modes of link 1 and link 2 (0: rigid link) of the plants thesis (1 1 by "
+            "default) and consistent (4 4 by default).",
+            show_default=False,
+        ),
+    ] = None,
+    shapes: Annotated[
+        str | None,
+        typer.Option(
+            help="Assumed shapes: b7, b8, b9, mono; b8 for thesis and mono for consistent by "
+            "default.",
+            show_default=False,
+        ),
+    ] = None,
+    elements: Annotated[
+        int | None,
+        typer.Option(help="Number of finite elements; 60 by default.", show_default=False),
+    ] = None,
+    count: Annotated[
+        int, typer.Option(min=1, help="Number of frequencies, where a plant has so many.")
+    ] = 3,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw the frequencies over the extension into this file (PNG)."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing figure.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+) -> None:
+    """Show natural frequencies (Hz) of the arm at rest at fixed lengths.
+
+    The rotation of the whole arm about the shoulder, which has no frequency, is left out.
+    """
+    names = tuple(dict.fromkeys(plant or PLANTS))
+    unknown = [name for name in names if name not in PLANTS]
+    if unknown:
+        raise BaselineError(f"--plant must be one of {', '.join(PLANTS)}, got {unknown[0]}")
+    given = {"mass": mass, "length": length, "width": width, "inertia": inertia}
+    payload = {name: value for name, value in given.items() if value is not None}
+    assumed_options = {"modes": assumed, "shapes": shapes}
+    if not {"thesis", "consistent"} & set(names):
+        for name, value in assumed_options.items():
+            if value is not None:
+                raise BaselineError(f"--{name} is for the plants thesis and consistent")
+    if elements is not None and "finite_element" not in names:
+        raise BaselineError("--elements is for the plant finite_element")
+    if plot is not None and plot.exists() and not force:
+        storage.refuse(plot)
+    places = sorted(set(extensions)) if extensions else [float(a) for a in range(1, 9)]
+    models: dict[str, drm_env.Model] = {}
+    for name in names:
+        options: dict[str, Any] = {"plant": name}
+        if name in ("thesis", "consistent"):
+            options |= assumed_options
+        elif name == "finite_element":
+            options["elements"] = elements
+        models[name] = drm_env.Model(payload, **options)
+    found: dict[str, list[list[float]]] = {}
+    for name, model in models.items():
+        wanted = None if name in ("thesis", "consistent") else count
+        found[name] = [
+            [float(f) for f in model.natural_frequencies(a, wanted)[:count]] for a in places
+        ]
+    if plot is not None:
+        from drm_baselines.frequency_plot import plot_natural_frequencies
+
+        plot_natural_frequencies(places, found, plot, title=_title(payload), overwrite=force)
+    if as_json:
+        content = {
+            "payload": payload,
+            "extensions": places,
+            "units": "SI, frequencies in Hz",
+            "natural_frequencies": found,
+        }
+        typer.echo(json.dumps(storage.plain(content), indent=2))
+        return
+    console.print(_table(places, found, _title(payload)))
+    if plot is not None:
+        console.print(f"wrote {plot}", soft_wrap=True)
+
+
+def _title(payload: dict[str, Any]) -> str:
+    return f"natural frequencies (Hz), payload of {payload['mass']:g} kg"
+
+
+def _table(places: list[float], found: dict[str, list[list[float]]], title: str) -> Table:
+    table = Table(title=title, title_justify="left", header_style="bold")
+    table.add_column("extension\n(m)", justify="right")
+    for name in found:
+        table.add_column(name, justify="right", no_wrap=True)
+    width = max(len(f"{f:.3f}") for rows in found.values() for row in rows for f in row)
+    for index, a in enumerate(places):
+        cells = ("  ".join(f"{f:{width}.3f}" for f in rows[index]) for rows in found.values())
+        table.add_row(f"{a:g}", *cells)
+    return table

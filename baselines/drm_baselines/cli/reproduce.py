@@ -1,0 +1,66 @@
+"""``drm reproduce``: the tables, figures and errata of the thesis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drm_baselines.cli.common import console, guarded, progress_bar
+
+
+@guarded
+def reproduce(
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Name of a table, figure or erratum, such as table-2-9, figure-4.63 or "
+            "erratum-tip-law; its rows are printed. May be repeated; everything by default.",
+            show_default=False,
+        ),
+    ] = None,
+    show_list: Annotated[
+        bool, typer.Option("--list", help="List the names and do nothing else.")
+    ] = False,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Directory for one picture a figure, the table of verdicts (CSV) and a page "
+            "that holds everything (HTML)."
+        ),
+    ] = Path("results/thesis"),
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Write into a directory that holds something else."),
+    ] = False,
+) -> None:
+    """Compute the thesis' tables, figures and errata again and judge each number.
+
+    A number is reproduced, inferred (reproduced after a choice that the thesis does not state) or
+    not reproduced, with the reason.
+    """
+    # These need matplotlib and scipy, which the other commands should not wait for.
+    from drm_baselines.thesis import select, terminal, writing
+
+    if show_list:
+        console.print(terminal.list_table())
+        return
+    chosen = select(only)
+    writing.claim(out, force=force)
+    with progress_bar() as progress:
+        task = progress.add_task("thesis", total=len(chosen), completed=-1, note="")
+        results, files = writing.write_results(
+            chosen,
+            out,
+            complete=not only,
+            progress=lambda name: progress.update(task, advance=1, note=name),
+        )
+    if only:
+        for entry, outcome in results:
+            console.print(terminal.rows_table(entry, outcome))
+    else:
+        console.print(terminal.overview_table(results))
+        console.print(terminal.misses_table(results))
+    console.print(writing.summary(results))
+    console.print(f"wrote {len(files)} files, such as {files[-1]}", soft_wrap=True)

@@ -1,0 +1,96 @@
+"""Results as tables for the terminal."""
+
+from __future__ import annotations
+
+from rich.markup import escape
+from rich.table import Table
+
+from drm_baselines.thesis.catalogue import entries
+from drm_baselines.thesis.results import Entry, Outcome, Verdict
+from drm_baselines.thesis.writing import Results, counts, percent, shown
+
+_COLOURS = {
+    Verdict.REPRODUCED: "green",
+    Verdict.INFERRED: "yellow",
+    Verdict.NOT_REPRODUCED: "red",
+    Verdict.UNPUBLISHED: "dim",
+}
+
+
+def _verdict(verdict: Verdict) -> str:
+    return f"[{_COLOURS[verdict]}]{verdict.value}[/]"
+
+
+def list_table() -> Table:
+    """Return the names of all entries with their titles."""
+    table = Table(header_style="bold")
+    table.add_column("name", no_wrap=True)
+    table.add_column("section", no_wrap=True)
+    table.add_column("title")
+    for entry in entries().values():
+        table.add_row(entry.name, entry.section, escape(entry.title))
+    return table
+
+
+def rows_table(entry: Entry, outcome: Outcome) -> Table:
+    """Return the rows of one entry."""
+    table = Table(
+        title=escape(f"{entry.name}: {entry.title}"), title_justify="left", header_style="bold"
+    )
+    for name in ("quantity", "published", "ours", "difference", "verdict", "reason"):
+        numeric = name in ("published", "ours", "difference")
+        table.add_column(name, justify="right" if numeric else "left", no_wrap=numeric)
+    for row in outcome.rows:
+        unit = f" ({row.unit})" if row.unit else ""
+        table.add_row(
+            escape(row.quantity + unit),
+            escape(shown(row.published)),
+            shown(row.ours),
+            percent(row),
+            _verdict(row.verdict),
+            escape(row.reason),
+        )
+    table.caption = escape(outcome.note)
+    table.caption_justify = "left"
+    return table
+
+
+def overview_table(results: Results) -> Table:
+    """Return how many rows of each entry have which verdict."""
+    table = Table(title="The thesis, computed again", title_justify="left", header_style="bold")
+    table.add_column("name", no_wrap=True)
+    table.add_column("title")
+    for verdict in Verdict:
+        table.add_column("\n".join(verdict.value.split(" ", 1)), justify="right")
+    for entry, outcome in results:
+        found = counts([(entry, outcome)])
+        cells = [
+            f"[{_COLOURS[verdict]}]{found[verdict]}[/]" if found[verdict] else ""
+            for verdict in Verdict
+        ]
+        table.add_row(entry.name, escape(entry.title), *cells)
+    return table
+
+
+def misses_table(results: Results) -> Table:
+    """Return what is not reproduced, with the reason."""
+    table = Table(title="Not reproduced", title_justify="left", header_style="bold")
+    for name in ("name", "quantity", "published", "ours", "reason"):
+        numeric = name in ("published", "ours")
+        table.add_column(
+            name, justify="right" if numeric else "left", no_wrap=numeric or name == "name"
+        )
+    for entry, outcome in results:
+        if entry.kind == "erratum":
+            continue
+        for row in outcome.rows:
+            if row.verdict is Verdict.NOT_REPRODUCED:
+                unit = f" ({row.unit})" if row.unit else ""
+                table.add_row(
+                    entry.name,
+                    escape(row.quantity + unit),
+                    escape(shown(row.published)),
+                    shown(row.ours),
+                    escape(row.reason),
+                )
+    return table

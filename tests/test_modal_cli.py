@@ -1,0 +1,100 @@
+"""``drm modes``: the numbers of ``drm_env.Model`` as table, JSON and figure."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import drm_env
+from drm_baselines.cli import app
+
+
+def drm_modes(*arguments: str | Path | float) -> Result:
+    return CliRunner().invoke(app, ["modes", *(str(argument) for argument in arguments)])
+
+
+def succeed(*arguments: str | Path | float) -> str:
+    result = drm_modes(*arguments)
+    assert result.exit_code == 0, result.output + result.stderr
+    return result.stdout
+
+
+def refuse(*arguments: str | Path | float) -> str:
+    """Run it where it must be refused; return its message, which is no traceback."""
+    result = drm_modes(*arguments)
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.stderr
+    return " ".join(result.stderr.split())
+
+
+def test_json_holds_the_frequencies_of_every_plant() -> None:
+    content = json.loads(succeed("--json", "--mass", 350, "--count", 2))
+    assert content["extensions"] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    plants = content["natural_frequencies"]
+    assert set(plants) == {"thesis", "consistent", "finite_element", "exact_rigid_link1"}
+    for plant, rows in plants.items():
+        model = drm_env.Model({"mass": 350.0}, plant=plant)
+        for extension, row in zip(content["extensions"], rows, strict=True):
+            assert row == pytest.approx(model.natural_frequencies(extension)[:2], rel=1e-12)
+
+
+def test_options_reach_the_model() -> None:
+    content = json.loads(
+        succeed("--json", "--plant", "consistent", "--modes", 2, 3, "--shapes", "b9",
+                "--extension", 2.5, "--length", 0.4, "--width", 0.2, "--inertia", "slender",
+                "--count", 5)
+    )  # fmt: skip
+    payload = {"mass": 200.0, "length": 0.4, "width": 0.2, "inertia": "slender"}
+    model = drm_env.Model(payload, plant="consistent", modes=(2, 3), shapes="b9")
+    (row,) = content["natural_frequencies"]["consistent"]
+    assert row == pytest.approx(model.natural_frequencies(2.5), rel=1e-12)
+    assert content["payload"] == payload
+
+
+def test_table_shows_lengths_plants_and_hertz() -> None:
+    text = succeed("--plant", "finite_element", "--plant", "thesis", "--extension", 4)
+    assert "Hz" in text
+    assert "200 kg" in text
+    assert "finite_element" in text
+    assert "exact" not in text
+    first = drm_env.Model(plant="finite_element").natural_frequencies(4.0)[0]
+    assert f"{first:.3f}" in text
+
+
+def test_figure_is_written_once(tmp_path: Path) -> None:
+    figure = tmp_path / "modes.png"
+    succeed("--plot", figure, "--extension", 2, "--extension", 5, "--plant", "consistent")
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert str(figure) in refuse("--plot", figure)
+    succeed("--plot", figure, "--extension", 2, "--force")
+    assert [file.name for file in tmp_path.iterdir()] == ["modes.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--plant", "rigid"), ("--plant", "rigid")),
+        (("--extension", 9), ("extension", "9")),
+        (("--mass", -1), ("mass", "-1")),
+        (("--inertia", "thin"), ("inertia", "thin")),
+        (("--shapes", "b6"), ("shapes", "b6")),
+        (("--modes", 0, 0), ("modes", "[0, 0]")),
+        (("--plant", "finite_element", "--modes", 2, 2), ("--modes", "consistent")),
+        (("--plant", "thesis", "--elements", 9), ("--elements", "finite_element")),
+        (("--elements", 1), ("elements", "3 to 200")),
+        (("--count", 100_000), ("count", "100000")),
+    ],
+)
+def test_bad_arguments_are_refused(
+    arguments: tuple[str | float, ...], words: tuple[str, ...]
+) -> None:
+    message = refuse(*arguments)
+    assert all(word in message for word in words), message
+
+
+def test_help_names_the_units() -> None:
+    text = succeed("--help")
+    assert all(unit in text for unit in (", m.", ", kg;", "(Hz)"))
