@@ -133,9 +133,10 @@ impl<T: Lane> WheelState<T> {
         let begin = command + (self.torque - command) * memory;
         let middle = command + (begin - command) * decay;
         let end = command + (middle - command) * decay;
+        let per_h = h.recip();
         let (high, low) = (
-            (momentum_limit + self.momentum) / h,
-            (self.momentum - momentum_limit) / h,
+            (momentum_limit + self.momentum) * per_h,
+            (self.momentum - momentum_limit) * per_h,
         );
         let cut = StepTorque {
             start: begin.limited(low, high),

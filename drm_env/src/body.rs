@@ -10,7 +10,7 @@ use crate::arm::PayloadProperties;
 use crate::error::ConfigError;
 use crate::implicit::GeneralizedAlpha;
 use crate::integrator::{Stage, rk4_step};
-use crate::lane::Lane;
+use crate::lane::{Lane, Pack};
 use crate::plant::consistent::{ConsistentPlant, ConsistentState};
 use crate::plant::energy::{Energy, energy};
 use crate::plant::thesis::{Constants, Prepared};
@@ -248,74 +248,190 @@ impl<T: Lane> Leg<'_, T> {
             self.h,
         )
     }
+}
 
-    /// Advances the motion and the wheels; returns the torques at the beginning.
+/// The equations of motion at one instant of the prescribed motion.
+#[derive(Clone, Copy)]
+struct Instant<T> {
+    prepared: Prepared<T>,
+    slew: T,
+}
+
+impl<const N: usize> Instant<Pack<N>> {
     #[inline(always)]
-    fn fly<const AXIAL: bool, const FOLLOW: bool>(
-        &self,
-        constants: &Constants<T>,
-        motion: &mut [T; 6],
-        root: &mut WheelState<T>,
-        tip: &mut WheelState<T>,
-    ) -> Torques<T> {
-        let at = |u: T| {
-            let extension = self.piece.extension(u);
-            let prepared = Prepared::new(constants.matrices::<AXIAL, FOLLOW>(&extension));
-            (prepared, self.slew_torque(u, &extension))
-        };
-        let mut now = at(self.from);
-        let mut first = None;
-        for step in 0..self.steps {
-            let u = self.from + self.h * (step as f64);
-            let root_torque = self.wheel(root, &self.root);
-            let tip_torque = self.wheel(tip, &self.tip);
-            let middle = at(u + self.h * 0.5);
-            let end = at(u + self.h);
-            let start_torques = Torques {
-                slew: now.1,
-                root: root_torque.start,
-                tip: tip_torque.start,
-            };
-            first.get_or_insert(start_torques);
-            *motion = rk4_step(motion, self.h, |stage, y| {
-                let (prepared, torques) = match stage {
-                    Stage::Start => (&now.0, start_torques),
-                    Stage::Middle => (
-                        &middle.0,
-                        Torques {
-                            slew: middle.1,
-                            root: root_torque.middle,
-                            tip: tip_torque.middle,
-                        },
-                    ),
-                    Stage::End => (
-                        &end.0,
-                        Torques {
-                            slew: end.1,
-                            root: root_torque.end,
-                            tip: tip_torque.end,
-                        },
-                    ),
-                };
-                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *y;
-                let [a, b, c] = prepared.acceleration(
-                    &[theta, alpha, beta],
-                    &[theta_rate, alpha_rate, beta_rate],
-                    &torques,
-                );
-                [theta_rate, alpha_rate, beta_rate, a, b, c]
-            });
-            now = end;
+    fn lane(&self, index: usize) -> Instant<f64> {
+        Instant {
+            prepared: self.prepared.lane(index),
+            slew: self.slew.0[index],
         }
-        first.unwrap_or(Torques {
-            slew: now.1,
-            root: T::splat(0.0),
-            tip: T::splat(0.0),
-        })
     }
 }
 
+impl<T: Lane> Instant<T> {
+    #[inline(always)]
+    fn new<const AXIAL: bool, const FOLLOW: bool>(
+        leg: &Leg<'_, T>,
+        constants: &Constants<T>,
+        u: T,
+    ) -> Self {
+        let extension = leg.piece.extension(u);
+        Self {
+            prepared: Prepared::new(constants.matrices::<AXIAL, FOLLOW>(&extension)),
+            slew: leg.slew_torque(u, &extension),
+        }
+    }
+
+    #[inline(always)]
+    fn torques(&self, root: T, tip: T) -> Torques<T> {
+        Torques {
+            slew: self.slew,
+            root,
+            tip,
+        }
+    }
+}
+
+impl<T: Lane> Leg<'_, T> {
+    /// One Runge-Kutta step between three instants.
+    #[inline(always)]
+    fn step(
+        &self,
+        motion: &mut [T; 6],
+        [start, middle, end]: [&Instant<T>; 3],
+        root: &StepTorque<T>,
+        tip: &StepTorque<T>,
+    ) {
+        *motion = rk4_step(motion, self.h, |stage, y| {
+            let (instant, torques) = match stage {
+                Stage::Start => (start, start.torques(root.start, tip.start)),
+                Stage::Middle => (middle, middle.torques(root.middle, tip.middle)),
+                Stage::End => (end, end.torques(root.end, tip.end)),
+            };
+            let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *y;
+            let [a, b, c] = instant.prepared.acceleration(
+                &[theta, alpha, beta],
+                &[theta_rate, alpha_rate, beta_rate],
+                &torques,
+            );
+            [theta_rate, alpha_rate, beta_rate, a, b, c]
+        });
+    }
+}
+
+/// Steps whose instants are prepared together, two instants a step: the length is prescribed, so
+/// they can be known in advance and evaluated side by side.
+const STEPS_AHEAD: usize = 4;
+const INSTANTS: usize = 2 * STEPS_AHEAD;
+
 impl Leg<'_, f64> {
+    /// Advances the motion and the wheels; returns the torques at the beginning. Picks the widest
+    /// instructions of the processor; the result does not depend on them.
+    fn fly<const AXIAL: bool, const FOLLOW: bool>(
+        &self,
+        constants: &Constants<f64>,
+        motion: &mut [f64; 6],
+        root: &mut WheelState<f64>,
+        tip: &mut WheelState<f64>,
+    ) -> Torques<f64> {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl")
+            {
+                // SAFETY: the processor has the features that the function is compiled for
+                return unsafe { self.fly_avx512::<AXIAL, FOLLOW>(constants, motion, root, tip) };
+            }
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: the processor has the feature that the function is compiled for
+                return unsafe { self.fly_avx2::<AXIAL, FOLLOW>(constants, motion, root, tip) };
+            }
+        }
+        self.fly_ahead::<AXIAL, FOLLOW>(constants, motion, root, tip)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
+    fn fly_avx512<const AXIAL: bool, const FOLLOW: bool>(
+        &self,
+        constants: &Constants<f64>,
+        motion: &mut [f64; 6],
+        root: &mut WheelState<f64>,
+        tip: &mut WheelState<f64>,
+    ) -> Torques<f64> {
+        self.fly_ahead::<AXIAL, FOLLOW>(constants, motion, root, tip)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn fly_avx2<const AXIAL: bool, const FOLLOW: bool>(
+        &self,
+        constants: &Constants<f64>,
+        motion: &mut [f64; 6],
+        root: &mut WheelState<f64>,
+        tip: &mut WheelState<f64>,
+    ) -> Torques<f64> {
+        self.fly_ahead::<AXIAL, FOLLOW>(constants, motion, root, tip)
+    }
+
+    #[inline(always)]
+    fn fly_ahead<const AXIAL: bool, const FOLLOW: bool>(
+        &self,
+        constants: &Constants<f64>,
+        motion: &mut [f64; 6],
+        root: &mut WheelState<f64>,
+        tip: &mut WheelState<f64>,
+    ) -> Torques<f64> {
+        let wide_constants = constants.spread::<INSTANTS>();
+        let wide_piece = self.piece.spread::<INSTANTS>();
+        let wide_inertia = self.inertia.spread::<INSTANTS>();
+        let idle = WheelDrive {
+            command: Pack::splat(0.0),
+            memory: Pack::splat(0.0),
+            decay: Pack::splat(0.0),
+            momentum_limit: Pack::splat(0.0),
+        };
+        let wide = Leg {
+            inertia: &wide_inertia,
+            piece: &wide_piece,
+            slew: self.slew.map(Pack::splat),
+            root: idle,
+            tip: idle,
+            from: Pack::splat(self.from),
+            h: Pack::splat(self.h),
+            steps: self.steps,
+        };
+        let mut now = Instant::new::<AXIAL, FOLLOW>(self, constants, self.from);
+        let first = now.slew;
+        let mut begun = None;
+        for chunk in (0..self.steps).step_by(STEPS_AHEAD) {
+            let places: [f64; INSTANTS] = std::array::from_fn(|i| {
+                let u = self.from + self.h * ((chunk + i / 2) as f64);
+                if i % 2 == 0 {
+                    u + self.h * 0.5
+                } else {
+                    u + self.h
+                }
+            });
+            let ahead = Instant::new::<AXIAL, FOLLOW>(&wide, &wide_constants, Pack(places));
+            for step in 0..STEPS_AHEAD.min(self.steps - chunk) {
+                let middle = ahead.lane(2 * step);
+                let end = ahead.lane(2 * step + 1);
+                let root_torque = self.wheel(root, &self.root);
+                let tip_torque = self.wheel(tip, &self.tip);
+                begun.get_or_insert((root_torque.start, tip_torque.start));
+                self.step(motion, [&now, &middle, &end], &root_torque, &tip_torque);
+                now = end;
+            }
+        }
+        let (root, tip) = begun.unwrap_or((0.0, 0.0));
+        Torques {
+            slew: first,
+            root,
+            tip,
+        }
+    }
+
     /// Advances the consistent plant and the wheels; returns the torques at the beginning.
     fn fly_implicitly(
         &self,

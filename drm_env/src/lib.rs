@@ -13,7 +13,7 @@
 //! **Units.** SI and radians throughout.
 //!
 //! # Map
-//! [`arm`], [`plant`], [`shape`], [`modal`], [`model`]: the mechanics. [`profile`], [`deployment`],
+//! [`arm`], [`plant`], [`shape`], [`modal`], [`linear`], [`model`]: the mechanics. [`profile`], [`deployment`],
 //! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`implicit`], [`lane`],
 //! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
 //! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
@@ -34,6 +34,7 @@ pub mod flight;
 pub mod implicit;
 pub mod integrator;
 pub mod lane;
+pub mod linear;
 pub mod metrics;
 pub mod modal;
 pub mod model;

@@ -2,7 +2,7 @@
 //! which both are polynomials, so that no Runge-Kutta step straddles a switch.
 
 use crate::deployment::DeploymentPiece;
-use crate::lane::Lane;
+use crate::lane::{Lane, Pack};
 use crate::plant::Extension;
 use crate::profile::SlewPiece;
 
@@ -37,6 +37,22 @@ pub struct Reference<T> {
     pub rate: T,
     /// Reference acceleration, rad/s^2.
     pub accel: T,
+}
+
+impl Piece<f64> {
+    /// The same piece in every lane.
+    #[inline(always)]
+    pub(crate) fn spread<const N: usize>(&self) -> Piece<Pack<N>> {
+        Piece {
+            start: Pack::splat(self.start),
+            angle: Pack::splat(self.angle),
+            rate: Pack::splat(self.rate),
+            accel: self.accel.map(Pack::splat),
+            extension: Pack::splat(self.extension),
+            extension_rate: Pack::splat(self.extension_rate),
+            extension_accel: Pack::splat(self.extension_accel),
+        }
+    }
 }
 
 impl<T: Lane> Piece<T> {

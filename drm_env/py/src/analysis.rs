@@ -37,9 +37,15 @@ fn triple(name: &str, values: &In1<'_, f64>) -> Outcome<[f64; 3]> {
     Ok([values[0], values[1], values[2]])
 }
 
-/// The rows of a matrix of nalgebra, which stores columns.
-fn dense<'py>(py: Python<'py>, matrix: &DMatrix<f64>) -> Out2<'py, f64> {
-    Out2::new(py, matrix.shape(), matrix.transpose().as_slice())
+/// A matrix from its entries at row and column.
+fn dense<'py>(
+    py: Python<'py>,
+    shape: (usize, usize),
+    at: impl Fn(usize, usize) -> f64,
+) -> Out2<'py, f64> {
+    let rows = (0..shape.0).flat_map(|i| (0..shape.1).map(move |j| (i, j)));
+    let values: Vec<f64> = rows.map(|(i, j)| at(i, j)).collect();
+    Out2::new(py, shape, &values)
 }
 
 #[pymethods]
@@ -61,7 +67,11 @@ impl Model {
     ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>, Out2<'py, f64>)> {
         let at = extension(length, rate, accel);
         let [m, c, k] = detached(py, || Ok(self.0.matrices(&at, slew_rate)?))?;
-        Ok((dense(py, &m), dense(py, &c), dense(py, &k)))
+        Ok((
+            dense(py, m.shape(), |i, j| m[(i, j)]),
+            dense(py, c.shape(), |i, j| c[(i, j)]),
+            dense(py, k.shape(), |i, j| k[(i, j)]),
+        ))
     }
 
     /// q'' at an extension (length, rate, acceleration) under (slew, root, tip) torques.
@@ -154,9 +164,9 @@ impl Model {
         let found = detached(py, || Ok(self.0.linearize(&at, slew_rate)?))?;
         Ok((
             (
-                dense(py, &found.a),
-                dense(py, &found.b),
-                dense(py, &found.c),
+                dense(py, found.a.shape(), |i, j| found.a[(i, j)]),
+                dense(py, found.b.shape(), |i, j| found.b[(i, j)]),
+                dense(py, found.c.shape(), |i, j| found.c[(i, j)]),
             ),
             (found.states, INPUT_NAMES.to_vec(), OUTPUT_NAMES.to_vec()),
         ))

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::arm::{Arm, PayloadProperties, non_negative};
 use crate::error::ConfigError;
 use crate::implicit::GeneralizedAlpha;
-use crate::lane::Lane;
+use crate::lane::{Lane, Pack};
 
 /// Which equations of motion are integrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -127,20 +127,17 @@ impl RigidInertia<f64> {
     }
 }
 
-impl<T: Lane> RigidInertia<T> {
-    /// From coefficients of one environment a lane.
-    pub fn gather(lanes: &[RigidInertia<f64>]) -> Self {
-        Self {
-            coefficients: std::array::from_fn(|power| {
-                let mut value = T::splat(0.0);
-                for (i, lane) in lanes.iter().enumerate() {
-                    value.set_lane(i, lane.coefficients[power]);
-                }
-                value
-            }),
+impl RigidInertia<f64> {
+    /// The same arm in every lane.
+    #[inline(always)]
+    pub(crate) fn spread<const N: usize>(&self) -> RigidInertia<Pack<N>> {
+        RigidInertia {
+            coefficients: self.coefficients.map(Pack::splat),
         }
     }
+}
 
+impl<T: Lane> RigidInertia<T> {
     /// I(a), kg m^2.
     #[inline(always)]
     pub fn at(&self, a: T) -> T {

@@ -3,7 +3,7 @@
 //! closed form; C is not symmetric because the length is prescribed.
 
 use crate::arm::{Arm, PayloadProperties};
-use crate::lane::Lane;
+use crate::lane::{Lane, Pack};
 use crate::plant::{Dynamics, Extension, TipTorque, Torques};
 
 /// What the matrices need of arm, payload and switches; constant through an episode.
@@ -104,38 +104,34 @@ pub struct Axial<T> {
     pub b2_rate: T,
 }
 
-impl<T: Lane> Constants<T> {
-    /// From one environment a lane.
-    pub fn gather(lanes: &[Constants<f64>]) -> Self {
-        let pick = |get: fn(&Constants<f64>) -> f64| {
-            let mut value = T::splat(0.0);
-            for (i, lane) in lanes.iter().enumerate() {
-                value.set_lane(i, get(lane));
-            }
-            value
-        };
-        Self {
-            l1: pick(|c| c.l1),
-            inv_l1: pick(|c| c.inv_l1),
-            protrusion: pick(|c| c.protrusion),
-            rho2: pick(|c| c.rho2),
-            rho2_l1: pick(|c| c.rho2_l1),
-            mp: pick(|c| c.mp),
-            mp_lp: pick(|c| c.mp_lp),
-            lp: pick(|c| c.lp),
-            j: pick(|c| c.j),
-            mta_link1: pick(|c| c.mta_link1),
-            maa_link1: pick(|c| c.maa_link1),
-            mtt_fixed: pick(|c| c.mtt_fixed),
-            l2: pick(|c| c.l2),
-            kaa_link1: pick(|c| c.kaa_link1),
-            kaa_link2: pick(|c| c.kaa_link2),
-            kbb: pick(|c| c.kbb),
-            tip_on_slew: pick(|c| c.tip_on_slew),
-            damping: pick(|c| c.damping),
+impl Constants<f64> {
+    /// The same constants in every lane.
+    #[inline(always)]
+    pub(crate) fn spread<const N: usize>(&self) -> Constants<Pack<N>> {
+        Constants {
+            l1: Pack::splat(self.l1),
+            inv_l1: Pack::splat(self.inv_l1),
+            protrusion: Pack::splat(self.protrusion),
+            rho2: Pack::splat(self.rho2),
+            rho2_l1: Pack::splat(self.rho2_l1),
+            mp: Pack::splat(self.mp),
+            mp_lp: Pack::splat(self.mp_lp),
+            lp: Pack::splat(self.lp),
+            j: Pack::splat(self.j),
+            mta_link1: Pack::splat(self.mta_link1),
+            maa_link1: Pack::splat(self.maa_link1),
+            mtt_fixed: Pack::splat(self.mtt_fixed),
+            l2: Pack::splat(self.l2),
+            kaa_link1: Pack::splat(self.kaa_link1),
+            kaa_link2: Pack::splat(self.kaa_link2),
+            kbb: Pack::splat(self.kbb),
+            tip_on_slew: Pack::splat(self.tip_on_slew),
+            damping: Pack::splat(self.damping),
         }
     }
+}
 
+impl<T: Lane> Constants<T> {
     /// M, C, K and the axial load at a length with its rate and acceleration.
     ///
     /// `AXIAL` switches the axial load on, `FOLLOW` the particle-following correction.
@@ -297,6 +293,50 @@ pub struct Prepared<T> {
     l_theta_alpha: T,
     l_theta_beta: T,
     d_theta: T,
+    /// Stiffness of alpha and beta with the part of the axial load that a'' makes.
+    k_alpha: T,
+    k_beta: T,
+}
+
+impl<const N: usize> Prepared<Pack<N>> {
+    /// One lane.
+    #[inline(always)]
+    pub(crate) fn lane(&self, index: usize) -> Prepared<f64> {
+        let grid = |rows: &[[Pack<N>; 3]; 3]| rows.map(|row| row.map(|value| value.0[index]));
+        let Matrices {
+            mass,
+            velocity,
+            stiffness,
+            axial,
+            tip_slope,
+            tip_on_slew,
+        } = &self.matrices;
+        Prepared {
+            matrices: Matrices {
+                mass: grid(mass),
+                velocity: grid(velocity),
+                stiffness: grid(stiffness),
+                axial: Axial {
+                    a0: axial.a0.0[index],
+                    a2: axial.a2.0[index],
+                    a2_rate: axial.a2_rate.0[index],
+                    b0: axial.b0.0[index],
+                    b2: axial.b2.0[index],
+                    b2_rate: axial.b2_rate.0[index],
+                },
+                tip_slope: tip_slope.0[index],
+                tip_on_slew: tip_on_slew.0[index],
+            },
+            inv_d_alpha: self.inv_d_alpha.0[index],
+            l_beta_alpha: self.l_beta_alpha.0[index],
+            inv_d_beta: self.inv_d_beta.0[index],
+            l_theta_alpha: self.l_theta_alpha.0[index],
+            l_theta_beta: self.l_theta_beta.0[index],
+            d_theta: self.d_theta.0[index],
+            k_alpha: self.k_alpha.0[index],
+            k_beta: self.k_beta.0[index],
+        }
+    }
 }
 
 impl<T: Lane> Prepared<T> {
@@ -311,6 +351,8 @@ impl<T: Lane> Prepared<T> {
         let rest = mtb - l_theta_alpha * mab;
         let l_theta_beta = rest * inv_d_beta;
         Self {
+            k_alpha: matrices.stiffness[1][1] + matrices.axial.a0,
+            k_beta: matrices.stiffness[2][2] + matrices.axial.b0,
             matrices,
             inv_d_alpha,
             l_beta_alpha,
@@ -335,34 +377,27 @@ impl<T: Lane> Prepared<T> {
         let rate2 = rate * rate;
         let (alpha2, beta2) = (alpha * alpha, beta * beta);
 
-        let load = self.matrices.tip_on_slew * torques.tip + torques.root + torques.slew;
+        // Sums are paired and the last pivot is inverted beside them: one trajectory is bound by the
+        // length of this chain, not by the number of operations.
+        let inv_pivot = (self.d_theta - (x.a2 * alpha2 + x.b2 * beta2)).recip();
+        let load = self.matrices.tip_on_slew * torques.tip + (torques.root + torques.slew);
         let coriolis = (x.a2 * alpha * alpha_rate + x.b2 * beta * beta_rate) * 2.0
-            + x.a2_rate * alpha2
-            + x.b2_rate * beta2;
-        let f_theta = load
-            - c[0][0] * rate
-            - c[0][1] * alpha_rate
-            - c[0][2] * beta_rate
-            - k[0][1] * alpha
-            - k[0][2] * beta
-            + rate * coriolis;
-        let f_alpha = -(c[1][0] * rate)
-            - c[1][1] * alpha_rate
-            - c[1][2] * beta_rate
-            - (k[1][1] + x.a0 + x.a2 * rate2) * alpha
-            - k[1][2] * beta;
-        let f_beta = self.matrices.tip_slope * torques.tip
-            - c[2][0] * rate
-            - c[2][1] * alpha_rate
-            - c[2][2] * beta_rate
-            - (k[2][2] + x.b0 + x.b2 * rate2) * beta;
+            + (x.a2_rate * alpha2 + x.b2_rate * beta2);
+        let f_theta = ((load - c[0][0] * rate) - (c[0][1] * alpha_rate + c[0][2] * beta_rate))
+            + (rate * coriolis - (k[0][1] * alpha + k[0][2] * beta));
+        let f_alpha = -((c[1][0] * rate + c[1][1] * alpha_rate)
+            + (c[1][2] * beta_rate + k[1][2] * beta))
+            - (self.k_alpha + x.a2 * rate2) * alpha;
+        let f_beta = ((self.matrices.tip_slope * torques.tip - c[2][0] * rate)
+            - (c[2][1] * alpha_rate + c[2][2] * beta_rate))
+            - (self.k_beta + x.b2 * rate2) * beta;
 
         let z_beta = f_beta - self.l_beta_alpha * f_alpha;
-        let z_theta = f_theta - self.l_theta_alpha * f_alpha - self.l_theta_beta * z_beta;
-        let theta = z_theta / (self.d_theta - x.a2 * alpha2 - x.b2 * beta2);
+        let z_theta = (f_theta - self.l_theta_alpha * f_alpha) - self.l_theta_beta * z_beta;
+        let theta = z_theta * inv_pivot;
         let beta = z_beta * self.inv_d_beta - self.l_theta_beta * theta;
         let alpha =
-            f_alpha * self.inv_d_alpha - self.l_beta_alpha * beta - self.l_theta_alpha * theta;
+            (f_alpha * self.inv_d_alpha - self.l_theta_alpha * theta) - self.l_beta_alpha * beta;
         [theta, alpha, beta]
     }
 }
