@@ -31,7 +31,7 @@ def refuse(*arguments: str | Path | float) -> str:
 
 
 def test_json_holds_the_frequencies_of_every_plant() -> None:
-    content = json.loads(succeed("--json", "--mass", 350, "--count", 2))
+    content = json.loads(succeed("--json", "--payload-mass", 350, "--count", 2))
     assert content["extensions"] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
     plants = content["natural_frequencies"]
     assert set(plants) == {"thesis", "consistent", "finite_element", "exact_rigid_link1"}
@@ -44,7 +44,7 @@ def test_json_holds_the_frequencies_of_every_plant() -> None:
 def test_options_reach_the_model() -> None:
     content = json.loads(
         succeed("--json", "--plant", "consistent", "--modes", 2, 3, "--shapes", "b9",
-                "--extension", 2.5, "--length", 0.4, "--width", 0.2, "--inertia", "slender",
+                "--extension", 2.5, "--payload-length", 0.4, "--payload-width", 0.2, "--payload-inertia", "slender",
                 "--count", 5)
     )  # fmt: skip
     payload = {"mass": 200.0, "length": 0.4, "width": 0.2, "inertia": "slender"}
@@ -78,8 +78,8 @@ def test_figure_is_written_once(tmp_path: Path) -> None:
     [
         (("--plant", "rigid"), ("--plant", "rigid")),
         (("--extension", 9), ("extension", "9")),
-        (("--mass", -1), ("mass", "-1")),
-        (("--inertia", "thin"), ("inertia", "thin")),
+        (("--payload-mass", -1), ("mass", "-1")),
+        (("--payload-inertia", "thin"), ("inertia", "thin")),
         (("--shapes", "b6"), ("shapes", "b6")),
         (("--modes", 0, 0), ("modes", "[0, 0]")),
         (("--plant", "finite_element", "--modes", 2, 2), ("--modes", "consistent")),

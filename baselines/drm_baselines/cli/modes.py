@@ -34,10 +34,13 @@ def modes(
             show_default=False,
         ),
     ] = None,
-    mass: Annotated[float, typer.Option(help="Mass of the payload, kg; 0 for none.")] = 200.0,
+    mass: Annotated[
+        float, typer.Option("--payload-mass", help="Mass of the payload, kg; 0 for none.")
+    ] = 200.0,
     length: Annotated[
         float | None,
         typer.Option(
+            "--payload-length",
             help="Length of the payload along the arm, m; by its mass (Table 2-7) by default.",
             show_default=False,
         ),
@@ -45,12 +48,16 @@ def modes(
     width: Annotated[
         float | None,
         typer.Option(
+            "--payload-width",
             help="Width of the payload across the arm, m; by its mass (Table 2-7) by default.",
             show_default=False,
         ),
     ] = None,
     inertia: Annotated[
-        str, typer.Option(help="Moment of inertia of the payload: full or slender.")
+        str,
+        typer.Option(
+            "--payload-inertia", help="Moment of inertia of the payload: full or slender."
+        ),
     ] = "full",
     assumed: Annotated[
         tuple[int, int] | None,
