@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::arm::{Arm, Payload, PayloadProperties, finite};
 use crate::error::ConfigError;
-use crate::linear::{Equations, Linearization, OUTPUT_NAMES};
+use crate::linear::{self, Equations, Linearization};
 use crate::modal::{
     AssumedArm, FiniteElementBeam, Kinematics, ModeShapes, SegmentedBeam, UniformBeam, exact,
     finite_element,
 };
-use crate::plant::consistent::{self, CAPACITY, ConsistentPlant, ConsistentState};
+use crate::plant::consistent::{self, CAPACITY, ConsistentPlant};
 use crate::plant::energy::{Energy, angular_momentum, energy};
 use crate::plant::thesis::{Constants, Matrices, Prepared};
 use crate::plant::{Dynamics, Extension, Torques};
@@ -249,7 +249,7 @@ impl Model {
             ModelPlant::Thesis => {
                 self.check(extension)?;
                 finite("slew_rate", slew_rate)?;
-                Ok(self.thesis_equations(extension, slew_rate))
+                Ok(linear::thesis_equations(&self.raw(extension), slew_rate))
             }
             _ => Err(ConfigError::value(
                 "plant",
@@ -257,30 +257,6 @@ impl Model {
                  and shapes",
                 self.spec.plant.name(),
             )),
-        }
-    }
-
-    fn thesis_equations(&self, extension: &Extension<f64>, slew_rate: f64) -> Equations {
-        let m = self.raw(extension);
-        let dense = |rows: [[f64; 3]; 3]| DMatrix::from_fn(3, 3, |i, j| rows[i][j]);
-        let mut stiffness = dense(m.stiffness);
-        let square = slew_rate * slew_rate;
-        stiffness[(1, 1)] += m.axial.a0 + m.axial.a2 * square;
-        stiffness[(2, 2)] += m.axial.b0 + m.axial.b2 * square;
-        let mut input = DMatrix::zeros(3, 3);
-        (input[(0, 0)], input[(0, 1)]) = (1.0, 1.0);
-        (input[(0, 2)], input[(2, 2)]) = (m.tip_on_slew, m.tip_slope);
-        let mut output = DMatrix::zeros(OUTPUT_NAMES.len(), 6);
-        for (i, first) in [0, 3].into_iter().enumerate() {
-            output[(i, first)] = 1.0;
-            output[(2 + i, first + 2)] = 2.0;
-            (output[(4 + i, first + 1)], output[(4 + i, first + 2)]) = (2.0, 2.0);
-        }
-        Equations {
-            matrices: [dense(m.mass), dense(m.velocity), stiffness],
-            input,
-            output,
-            elastic: vec!["alpha".into(), "beta".into()],
         }
     }
 
@@ -313,35 +289,7 @@ impl Model {
                 slope_turning: true,
             },
         )?;
-        let found = plant.matrices(extension, slew_rate)?;
-        let size = plant.size();
-        let torques = |slew, root, tip| Torques { slew, root, tip };
-        let unit = [
-            torques(1.0, 0.0, 0.0),
-            torques(0.0, 1.0, 0.0),
-            torques(0.0, 0.0, 1.0),
-        ];
-        let input = DMatrix::from_columns(&unit.map(|torques| plant.force(&torques, a)));
-        let mut output = DMatrix::zeros(OUTPUT_NAMES.len(), 2 * size);
-        for (j, mut column) in output.column_iter_mut().enumerate() {
-            let (mut q, mut v) = ([0.0; CAPACITY], [0.0; CAPACITY]);
-            if j < size {
-                q[j] = 1.0;
-            } else {
-                v[j - size] = 1.0;
-            }
-            let state = ConsistentState::new(q, v);
-            let link2 = plant.link2_deflection(&state);
-            let tip = plant.tip_deflection(&state, extension);
-            column.copy_from_slice(&[q[0], v[0], link2.0, link2.1, tip.0, tip.1]);
-        }
-        let names = |link: usize, count: usize| (1..=count).map(move |i| format!("link{link}_{i}"));
-        Ok(Equations {
-            matrices: [found.mass, found.velocity, found.stiffness],
-            input,
-            output,
-            elastic: names(1, link1).chain(names(2, link2)).collect(),
-        })
+        linear::consistent_equations(&plant, extension, slew_rate)
     }
 
     /// q'' (rad/s^2, m/s^2, m/s^2) at a state under torques.

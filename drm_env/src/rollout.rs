@@ -66,7 +66,7 @@ pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] 
         beta,
         alpha_rate,
         beta_rate,
-        2.0 * (alpha + beta),
+        flight.tip_deflection().0,
         2.0 * beta,
         extension.length,
         extension.rate,

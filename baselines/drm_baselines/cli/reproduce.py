@@ -1,4 +1,4 @@
-"""``drm reproduce``: the tables, figures and errata of the thesis."""
+"""``drm reproduce``: the tables, figures and errata of the thesis, and what they leave out."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ def reproduce(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            help="Name of a table, figure or erratum, such as table-2-9, figure-4.63 or "
-            "erratum-tip-law; its rows are printed. May be repeated; everything by default.",
+            help="Name of a table, figure, erratum or study, such as table-2-9, figure-4.63, "
+            "erratum-tip-law or consistent-laws; its rows are printed. May be repeated; everything "
+            "by default.",
             show_default=False,
         ),
     ] = None,
@@ -38,7 +39,8 @@ def reproduce(
     """Compute the thesis' tables, figures and errata again and judge each number.
 
     A number is reproduced, inferred (reproduced after a choice that the thesis does not state) or
-    not reproduced, with the reason.
+    not reproduced, with the reason. The studies named consistent-* fly the plant that follows the
+    particles and turns link 2 with link 1, which the thesis does not have.
     """
     # These need matplotlib and scipy, which the other commands should not wait for.
     from drm_baselines.thesis import select, terminal, writing
@@ -58,7 +60,8 @@ def reproduce(
         )
     if only:
         for entry, outcome in results:
-            console.print(terminal.rows_table(entry, outcome))
+            # A wide table runs on rather than lose its last columns.
+            console.print(terminal.rows_table(entry, outcome), crop=False)
     else:
         console.print(terminal.overview_table(results))
         console.print(terminal.misses_table(results))

@@ -1,4 +1,4 @@
-"""Every table, figure and erratum by its name."""
+"""Every table, figure, erratum and study by its name."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import functools
 from collections.abc import Sequence
 
 from drm_baselines.errors import BaselineError
+from drm_baselines.thesis.consistent import consistent_entries
 from drm_baselines.thesis.errata import erratum_entries
 from drm_baselines.thesis.figures_flights import flight_entries
 from drm_baselines.thesis.figures_modal import modal_entries
@@ -16,8 +17,8 @@ from drm_baselines.thesis.tables import table_entries
 
 
 def _order(entry: Entry) -> tuple[int, str, int]:
-    """Tables, figures, errata; within them as numbered, errata as listed."""
-    kinds = ("table", "figure", "erratum")
+    """Tables, then figures; within them as numbered."""
+    kinds = ("table", "figure")
     _, _, number = entry.name.partition("-")
     chapter, _, place = number.replace(".", "-").partition("-")
     return kinds.index(entry.kind), chapter, int(place)
@@ -25,9 +26,9 @@ def _order(entry: Entry) -> tuple[int, str, int]:
 
 @functools.cache
 def entries() -> dict[str, Entry]:
-    """Return all entries by name: tables, figures, errata."""
+    """Return all entries by name: tables, figures, errata, studies of the consistent plant."""
     numbered = [*table_entries(), *modal_entries(), *profile_entries(), *flight_entries()]
-    ordered = [*sorted(numbered, key=_order), *erratum_entries()]
+    ordered = [*sorted(numbered, key=_order), *erratum_entries(), *consistent_entries()]
     return {entry.name: entry for entry in ordered}
 
 
@@ -46,5 +47,7 @@ def select(names: Sequence[str] | None) -> list[Entry]:
         if name not in known:
             close = difflib.get_close_matches(name, known, n=5, cutoff=0.5)
             hint = f"; close: {', '.join(close)}" if close else ""
-            raise BaselineError(f"no table, figure or erratum {name!r}{hint} (--list shows all)")
+            raise BaselineError(
+                f"no table, figure, erratum or study {name!r}{hint} (--list shows all)"
+            )
     return [entry for entry in known.values() if entry.name in set(names)]

@@ -106,9 +106,26 @@ def _slope_coupling() -> Outcome:
                     100.0 * (thesis[index] / float(element[index]) - 1.0),
                 ),
             ]
+        consistent = float(arm.frequencies("P1", a, plant="consistent", modes=(4, 4))[0])
+        rows.append(
+            ours_only(
+                f"Payload 1, a = {a:g} m, f1, consistent plant, 4 + 4 modes", "Hz", consistent
+            )
+        )
+    for plant in ("thesis", "consistent"):
+        flight = Manoeuvre(inertia="full", profile="min_energy", plant=plant).flight()
+        for metric, words in (("peak_deflection", "in all"), ("residual_peak", "after the slew")):
+            rows.append(
+                ours_only(
+                    f"Payload 1, minimum energy, largest deflection of the tip {words}, {plant} "
+                    "plant",
+                    "mm",
+                    1e3 * float(flight.metrics[metric]),
+                )
+            )
     note = (
         "The end of link 1 moves link 2 by y1(L1) but does not turn it by y1'(L1). Beyond x = L1 "
-        "the displacement should be y1(L1) + (x - L1) y1'(L1) + y2."
+        "the displacement should be y1(L1) + (x - L1) y1'(L1) + y2. The consistent plant has that."
     )
     return Outcome(tuple(rows), note)
 
@@ -127,6 +144,15 @@ def _coriolis() -> Outcome:
                     1e3 * peak(after(flight)),
                 )
             )
+        flight = Manoeuvre(payload=payload, plant="consistent", inertia="full").flight()
+        rows.append(
+            ours_only(
+                f"{arm.PAYLOAD_TITLES[payload]}, largest deflection of link 2 after the slew, "
+                "consistent plant",
+                "mm",
+                1e3 * peak(after(flight)),
+            )
+        )
     mass, rate = 200.0, 0.5
     for follow in (False, True):
         model = drm_env.Model(
@@ -147,7 +173,8 @@ def _coriolis() -> Outcome:
     note = (
         "A particle of link 2 moves out at a', so its transverse velocity has y' + a' ∂y/∂x and "
         "its axial one a' - y θ'. Without the second, the payload feels Mp a' θ' in place of the "
-        "Coriolis force 2 Mp a' θ'."
+        "Coriolis force 2 Mp a' θ'. The consistent plant follows the particles and turns link 2 "
+        "with link 1, too."
     )
     return Outcome(tuple(rows), note)
 
@@ -302,13 +329,13 @@ def tip_law_poles(payload: str, a: float, law: str, feedback: str = "beta_rate")
         ``"beta_rate"`` as in the thesis, or ``"tip_rate"``: the turning rate theta' + 3 beta'/a of
         the place where the wheel sits, scaled to the same gain.
     """
-    A, B = arm.model(payload).linearize(a)
+    linear = arm.model(payload).linearize(a)
     gain = tip_law_gain(payload, a, law)
     measured = np.zeros(6)
     measured[5] = 1.0
     if feedback == "tip_rate":
         measured[3] = a / 3.0
-    return np.asarray(np.linalg.eigvals(A - gain * np.outer(B[:, 2], measured)))
+    return np.asarray(np.linalg.eigvals(linear.A - gain * np.outer(linear.B[:, 2], measured)))
 
 
 def _tip_law() -> Outcome:

@@ -30,6 +30,11 @@ LAWS: dict[str, Any] = {
         "tip": None,
         "root": {"rate_gain": 8e6, "angle_gain": 8e4},
     },
+    "linear root, low gain": {
+        "name": "linear",
+        "tip": None,
+        "root": {"rate_gain": 1e3, "angle_gain": 1e2},
+    },
     "linear, gains exchanged": {
         "name": "linear",
         "root": {"rate_gain": 8e3, "angle_gain": 8e4},
@@ -75,8 +80,11 @@ class Manoeuvre:
         Wheels without torque limits.
     sample_period
         Between two samples of law and flight, s.
-    horizon
+    integrator_step, horizon
         s.
+    plant, modes, damping
+        ``"thesis"``, or ``"consistent"`` with assumed modes of link 1 and link 2; time constant of
+        the structural damping, s.
     """
 
     payload: str = "P1"
@@ -96,7 +104,11 @@ class Manoeuvre:
     motor: str = "fitted"
     unbounded: bool = False
     sample_period: float = 2e-3
+    integrator_step: float = 5e-4
     horizon: float = 20.0
+    plant: str = "thesis"
+    modes: tuple[int, int] = (4, 4)
+    damping: float = 0.0
 
     def scenario(self) -> dict[str, Any]:
         """Return the manoeuvre as `drm_env.simulate` takes it."""
@@ -127,9 +139,13 @@ class Manoeuvre:
             "dynamics": {
                 "tip_torque": self.tip_torque,
                 "particle_following": self.particle_following,
+                "structural_damping": self.damping,
             },
+            "plant": self.plant,
+            "modes": self.modes,
             "horizon": self.horizon,
             "sample_period": self.sample_period,
+            "integrator_step": self.integrator_step,
             **wheels,
         }
 

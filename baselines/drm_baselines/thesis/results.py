@@ -83,6 +83,22 @@ def judged(
 
 
 @dataclass(frozen=True)
+class Grid:
+    """Rows of an entry laid out for reading: quantities side by side.
+
+    Attributes
+    ----------
+    columns
+        Headings with units.
+    lines
+        As many texts each as there are columns.
+    """
+
+    columns: tuple[str, ...]
+    lines: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What computing an entry gives.
 
@@ -94,25 +110,28 @@ class Outcome:
         What was computed, in a sentence or two.
     figure
         The picture, if the entry has one.
+    grid
+        Shown in place of the rows, which are then in the CSV table alone.
     """
 
     rows: tuple[Row, ...] = ()
     note: str = ""
     figure: Figure | None = None
+    grid: Grid | None = None
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A table, figure or erratum under the name by which it is asked for.
+    """A table, figure, erratum or study under the name by which it is asked for.
 
     Attributes
     ----------
     name
-        Such as ``table-2-9``, ``figure-4.63`` or ``erratum-tip-law``.
+        Such as ``table-2-9``, ``figure-4.63``, ``erratum-tip-law`` or ``consistent-laws``.
     title
         One line.
     section
-        Where in the thesis.
+        Where in the thesis; empty for what it does not have.
     build
         Computes it.
     """
@@ -124,5 +143,5 @@ class Entry:
 
     @property
     def kind(self) -> str:
-        """``table``, ``figure`` or ``erratum``."""
+        """``table``, ``figure``, ``erratum`` or ``consistent``."""
         return self.name.partition("-")[0]

@@ -6,7 +6,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from drm_baselines.thesis.catalogue import entries
-from drm_baselines.thesis.results import Entry, Outcome, Verdict
+from drm_baselines.thesis.results import Entry, Grid, Outcome, Verdict
 from drm_baselines.thesis.writing import Results, counts, percent, shown
 
 _COLOURS = {
@@ -33,7 +33,9 @@ def list_table() -> Table:
 
 
 def rows_table(entry: Entry, outcome: Outcome) -> Table:
-    """Return the rows of one entry."""
+    """Return the rows of one entry, or its grid if it has one."""
+    if outcome.grid is not None:
+        return _grid_table(entry, outcome, outcome.grid)
     table = Table(
         title=escape(f"{entry.name}: {entry.title}"), title_justify="left", header_style="bold"
     )
@@ -50,6 +52,20 @@ def rows_table(entry: Entry, outcome: Outcome) -> Table:
             _verdict(row.verdict),
             escape(row.reason),
         )
+    table.caption = escape(outcome.note)
+    table.caption_justify = "left"
+    return table
+
+
+def _grid_table(entry: Entry, outcome: Outcome, grid: Grid) -> Table:
+    table = Table(
+        title=escape(f"{entry.name}: {entry.title}"), title_justify="left", header_style="bold"
+    )
+    for index, name in enumerate(grid.columns):
+        widest = max((len(line[index]) for line in grid.lines), default=0)
+        table.add_column(name, justify="right", min_width=widest)
+    for line in grid.lines:
+        table.add_row(*(escape(text) for text in line))
     table.caption = escape(outcome.note)
     table.caption_justify = "left"
     return table

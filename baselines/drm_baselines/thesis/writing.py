@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from drm_baselines import storage
 from drm_baselines.errors import ExistingResultError
-from drm_baselines.thesis.results import Entry, Outcome, Row, Verdict
+from drm_baselines.thesis.results import Entry, Grid, Outcome, Row, Verdict
 
 Results = Sequence[tuple[Entry, Outcome]]
 
@@ -101,9 +101,11 @@ def table_text(results: Results) -> str:
 def counts(results: Results) -> Counter[Verdict]:
     """Return how many rows have each verdict.
 
-    Errata show the wrong beside the right, and count only where there is nothing else.
+    Errata show the wrong beside the right, and studies are not of the thesis; they count only
+    where there is nothing else.
     """
-    chosen = [item for item in results if item[0].kind != "erratum"] or list(results)
+    published = ("table", "figure")
+    chosen = [item for item in results if item[0].kind in published] or list(results)
     return Counter(row.verdict for _, outcome in chosen for row in outcome.rows)
 
 
@@ -112,6 +114,15 @@ def summary(results: Results) -> str:
     found = counts(results)
     parts = [f"{found[verdict]} {verdict.value}" for verdict in Verdict if found[verdict]]
     return f"{sum(found.values())} quantities: {', '.join(parts)}."
+
+
+def _html_grid(grid: Grid) -> str:
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in grid.columns)
+    lines = [
+        "".join(f'<td class="n">{html.escape(text)}</td>' for text in line) for line in grid.lines
+    ]
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _html_rows(rows: Sequence[Row]) -> str:
@@ -138,7 +149,13 @@ def _html_rows(rows: Sequence[Row]) -> str:
 def page_text(results: Results, pictures: dict[str, bytes]) -> str:
     """Return one page with all rows and pictures, which needs no other file."""
     sections, contents = [], []
-    for kind, heading in (("table", "Tables"), ("figure", "Figures"), ("erratum", "Errata")):
+    kinds = (
+        ("table", "Tables"),
+        ("figure", "Figures"),
+        ("erratum", "Errata"),
+        ("consistent", "The consistent plant"),
+    )
+    for kind, heading in kinds:
         chosen = [(entry, outcome) for entry, outcome in results if entry.kind == kind]
         if not chosen:
             continue
@@ -147,7 +164,7 @@ def page_text(results: Results, pictures: dict[str, bytes]) -> str:
             contents.append(f'<a href="#{entry.name}">{entry.name}</a>')
             sections.append(
                 f'<h3 id="{entry.name}">{entry.name}: {html.escape(entry.title)}</h3>'
-                f'<p class="where">Thesis, {html.escape(_section(entry))}</p>'
+                f'<p class="where">{html.escape(_place(entry))}</p>'
             )
             if outcome.note:
                 sections.append(f"<p>{html.escape(outcome.note)}</p>")
@@ -155,7 +172,10 @@ def page_text(results: Results, pictures: dict[str, bytes]) -> str:
                 data = base64.b64encode(pictures[entry.name]).decode("ascii")
                 alt = html.escape(entry.title, quote=True)
                 sections.append(f'<img alt="{alt}" src="data:image/png;base64,{data}">')
-            sections.append(_html_rows(outcome.rows))
+            if outcome.grid is not None:
+                sections.append(_html_grid(outcome.grid))
+            else:
+                sections.append(_html_rows(outcome.rows))
     return _PAGE.substitute(
         title="The thesis, computed again",
         summary=html.escape(summary(results)),
@@ -164,8 +184,11 @@ def page_text(results: Results, pictures: dict[str, bytes]) -> str:
     )
 
 
-def _section(entry: Entry) -> str:
-    return entry.section if entry.section[0].isalpha() else f"section {entry.section}"
+def _place(entry: Entry) -> str:
+    if not entry.section:
+        return "Not in the thesis"
+    word = "" if entry.section[0].isalpha() else "section "
+    return f"Thesis, {word}{entry.section}"
 
 
 def claim(out: Path, *, force: bool = False) -> None:
