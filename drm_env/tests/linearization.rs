@@ -4,9 +4,6 @@
 // the measured figures, with --nocapture
 #![allow(clippy::print_stdout)]
 
-mod consistent_common;
-
-use consistent_common::{NO_TORQUE, moving};
 use drm_env::arm::{Arm, Payload};
 use drm_env::implicit::GeneralizedAlpha;
 use drm_env::integrator::{Stage, rk4_step};
@@ -15,8 +12,28 @@ use drm_env::model::{Model, ModelPlant, ModelSpec};
 use drm_env::plant::consistent::{CAPACITY, ConsistentPlant, ConsistentState};
 use drm_env::plant::thesis::{Constants, Prepared};
 use drm_env::plant::{Dynamics, Extension, TipTorque, Torques};
+use drm_env::timeline::Piece;
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
+
+const NO_TORQUE: Torques<f64> = Torques {
+    slew: 0.0,
+    root: 0.0,
+    tip: 0.0,
+};
+
+/// A piece of timeline without a slew reference that begins at an extension.
+fn moving(extension: &Extension<f64>) -> Piece<f64> {
+    Piece {
+        start: 0.0,
+        angle: 0.0,
+        rate: 0.0,
+        accel: [0.0; 4],
+        extension: extension.length,
+        extension_rate: extension.rate,
+        extension_accel: extension.accel,
+    }
+}
 
 /// A random payload, length and motion, with random switches of the equations.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +57,7 @@ fn either_sign(low: f64, high: f64) -> impl Strategy<Value = f64> {
 }
 
 fn case() -> impl Strategy<Value = Case> {
-    let payload = (20.0..500.0, 0.0..2.0, 0.0..1.0);
+    let payload = (50.0..500.0, 0.0..2.0, 0.1..1.0);
     let motion = (
         1.05..7.95,
         either_sign(0.1, 1.5),
@@ -192,14 +209,7 @@ fn undeflected(size: usize, slew_rate: f64) -> DVector<f64> {
 fn thesis_step(case: &Case, state: &DVector<f64>, torques: &Torques<f64>, h: f64) -> DVector<f64> {
     let payload = *model(case, ModelPlant::Thesis, None).payload();
     let constants = Constants::new(&Arm::default(), &payload, &case.dynamics);
-    let piece = {
-        let Extension {
-            length,
-            rate,
-            accel,
-        } = case.extension;
-        moving(length, rate, accel)
-    };
+    let piece = moving(&case.extension);
     let prepared = |u: f64| {
         let at = piece.extension(u);
         Prepared::new(
@@ -243,7 +253,7 @@ fn consistent_step(
     q[..n].copy_from_slice(&state.as_slice()[..n]);
     v[..n].copy_from_slice(&state.as_slice()[n..]);
     let mut motion = ConsistentState::new(q, v);
-    let piece = moving(extension.length, extension.rate, extension.accel);
+    let piece = moving(extension);
     let scheme = GeneralizedAlpha::default();
     plant.step(&scheme, &mut motion, &[*torques; 3], &piece, 0.0, h);
     DVector::from_iterator(2 * n, motion.q[..n].iter().chain(&motion.v[..n]).copied())
@@ -257,11 +267,13 @@ fn flown(case: &Case, modes: [usize; 2]) -> ConsistentPlant {
         .expect("the plant exists")
 }
 
-fn fastest(model: &Model, extension: &Extension<f64>) -> f64 {
+/// 0.02 / w of the fastest mode w, or of its rate of decay where that is larger.
+fn small_step(case: &Case, model: &Model) -> f64 {
     let frequencies = model
-        .natural_frequencies(extension.length, None)
+        .natural_frequencies(case.extension.length, None)
         .expect("the length is in range");
-    frequencies.into_iter().fold(0.0, f64::max)
+    let fastest = frequencies.into_iter().fold(0.0, f64::max);
+    0.02 / (fastest + case.dynamics.structural_damping * fastest * fastest)
 }
 
 proptest! {
@@ -308,7 +320,7 @@ proptest! {
         let rate = &linear.a * &start;
         let whole = accel(0, 0.0);
         for i in 0..3 {
-            let scale = 1e-12 * whole.amax();
+            let scale = 1e-10 * whole.amax();
             prop_assert!((rate[3 + i] - whole[i]).abs() <= scale, "{rate} {whole}");
         }
     }
@@ -319,7 +331,7 @@ proptest! {
         let model = model(&case, ModelPlant::Thesis, None);
         let linear = model.linearize(&case.extension, case.slew_rate).expect("it exists");
         let mass = &model.matrices(&case.extension, 0.0).expect("they exist")[0];
-        let h = 0.02 / fastest(&model, &case.extension);
+        let h = small_step(&case, &model);
         let start = undeflected(3, case.slew_rate);
         let unit = |j: usize| if j < 3 { 1e-5 } else { 1e-1 };
         let step = |x: &DVector<f64>, u: &Torques<f64>, h: f64| thesis_step(&case, x, u, h);
@@ -333,8 +345,9 @@ proptest! {
 proptest! {
     #![proptest_config(config(24))]
 
-    /// As for the thesis plant; besides the whole, what deployment and turning add to the arm at
-    /// rest, which is small beside the stiffness of the fastest mode.
+    /// As for the thesis plant, with the rounding of short steps. Besides the whole, what deployment
+    /// and turning add to the arm at rest: to 1e-4, and 1e-9 of the whole that rounding leaves of
+    /// the stiffness of the fastest mode.
     #[test]
     fn consistent_form_is_the_derivative_of_a_step(
         case in case(),
@@ -343,7 +356,7 @@ proptest! {
         let modes = [modes.0, modes.1];
         let model = model(&case, ModelPlant::Consistent, Some(modes));
         let plant = flown(&case, modes);
-        let h = 0.02 / fastest(&model, &case.extension);
+        let h = small_step(&case, &model);
         let n = plant.size();
         let unit = |j: usize| if j < n { 1e-6 } else { 1e-1 };
         let both = |extension: &Extension<f64>, slew_rate: f64| {
@@ -359,10 +372,18 @@ proptest! {
         let (linear, (a, b)) = both(&case.extension, case.slew_rate);
         let (still, (still_a, _)) = both(&at_rest(&case.extension), 0.0);
         let whole = errors((&a, &b), (&linear.a, &linear.b), mass);
-        let added = errors((&(&a - &still_a), &b), (&(&linear.a - &still.a), &linear.b), mass);
-        println!("{modes:?} {whole:?} {added:?} {case:?}");
+        println!("{modes:?} {whole:?}");
         prop_assert!(whole.iter().all(|error| *error < 1e-6), "{whole:?}");
-        prop_assert!(added.iter().all(|error| *error < 1e-3), "{added:?}");
+        let block = |m: &DMatrix<f64>, column: usize| {
+            scaled(m, mass).view((n, column), (n, n)).into_owned()
+        };
+        for column in [0, n] {
+            let added = block(&(&linear.a - &still.a), column);
+            let error = (block(&(&a - &still_a), column) - &added).amax();
+            let allowed = 1e-4 * added.amax() + 1e-9 * block(&linear.a, column).amax();
+            println!("{error:e} of {:e}", added.amax());
+            prop_assert!(error < allowed, "{column}: {error:e} {allowed:e}");
+        }
     }
 
     /// C gives the outputs, and the rows of rates are rates of change of those of values along the
@@ -373,7 +394,7 @@ proptest! {
         let model = model(&case, ModelPlant::Consistent, Some(modes));
         let plant = flown(&case, modes);
         let n = plant.size();
-        let piece = moving(case.extension.length, case.extension.rate, case.extension.accel);
+        let piece = moving(&case.extension);
         let c = model.linearize(&case.extension, case.slew_rate).expect("it exists").c;
         let reach = |a: f64| Arm::default().link1.length + a;
         let state = |q: &DVector<f64>| {
@@ -404,7 +425,8 @@ proptest! {
 /// and two zeros of the rotation.
 #[test]
 fn eigenvalues_at_rest_are_the_natural_frequencies() {
-    for mass in [0.0, 200.0, 500.0] {
+    let mut worst = 0.0_f64;
+    for payload in [0.0, 200.0, 500.0] {
         for (plant, modes) in [
             (ModelPlant::Thesis, None),
             (ModelPlant::Consistent, Some([1, 2])),
@@ -413,7 +435,7 @@ fn eigenvalues_at_rest_are_the_natural_frequencies() {
         ] {
             let spec = ModelSpec {
                 payload: Payload {
-                    mass,
+                    mass: payload,
                     ..Payload::default()
                 },
                 plant,
@@ -439,19 +461,19 @@ fn eigenvalues_at_rest_are_the_natural_frequencies() {
                 found.sort_by(f64::total_cmp);
                 let expected = model.natural_frequencies(length, None).expect("in range");
                 assert_eq!(found.len(), expected.len() + 1);
-                // rounding of the fastest mode's square is felt by the slowest
-                let fastest = expected[expected.len() - 1];
+                // eight modes a link: M's condition amplifies the rounding of the integrals
                 for (found, expected) in found[1..].iter().zip(&expected) {
-                    let rounding = 1e-13 * (fastest / expected).powi(2);
                     let error = (found / expected - 1.0).abs();
+                    worst = worst.max(error);
                     assert!(
-                        error < 1e-10 + rounding,
-                        "{plant:?} {modes:?} {mass} {length}: {found} {expected} {error:e}"
+                        error < 1e-8,
+                        "{plant:?} {modes:?} {length}: {found} {expected} {error:e}"
                     );
                 }
             }
         }
     }
+    println!("frequencies: {worst:e}");
 }
 
 #[test]

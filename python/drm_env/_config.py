@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from typing import Literal, TypeAlias
+
+Mode: TypeAlias = int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +125,7 @@ class Sensors:
     """Delay of all four, s, rounded to whole samples."""
 
 
-PlantModel: TypeAlias = Annotated[Literal["thesis"], "thesis"]
+PlantModel: TypeAlias = Literal["thesis", "consistent"]
 """Which equations of motion are integrated."""
 
 
@@ -302,8 +304,8 @@ class Dynamics:
     """Stiffening by the axial load (thesis section 2.4)."""
     particle_following: bool = False
     """
-    Follow the moving particles of link 2, with the full Coriolis load of the payload
-    (not in the thesis).
+    Follow the moving particles of link 2 in the thesis plant, with the full Coriolis load of the
+    payload (not in the thesis); the consistent plant always does.
     """
     tip_torque: TipTorque = "slew_and_tip"
     """Generalised force of the tip wheel."""
@@ -311,6 +313,11 @@ class Dynamics:
     """
     Kelvin-Voigt time constant of the links' bending, s: a mode of angular frequency w gets the
     damping ratio w/2 times this. The thesis has none.
+    """
+    spectral_radius: float = 0.8
+    """
+    Spectral radius at infinite frequency of the consistent plant's implicit integrator: 1 damps
+    nothing, smaller values damp what the step cannot resolve.
     """
 
 
@@ -469,6 +476,8 @@ class Scenario:
     """Measured outputs."""
     plant: PlantModel = "thesis"
     """Equations of motion."""
+    modes: tuple[Mode, Mode] = (4, 4)
+    """Assumed modes of link 1 and link 2 in the consistent plant; the thesis plant has one each."""
     dynamics: Dynamics = Dynamics()
     """Switches of the equations of motion."""
     integrator_step: float = 0.0005

@@ -318,9 +318,12 @@ class Model:
         rate: SupportsFloat | SupportsIndex,
         accel: SupportsFloat | SupportsIndex,
         slew_rate: SupportsFloat | SupportsIndex,
-    ) -> tuple[NDArray[float64], NDArray[float64]]:
+    ) -> tuple[
+        tuple[NDArray[float64], NDArray[float64], NDArray[float64]],
+        tuple[list[str], list[str], list[str]],
+    ]:
         """
-        A and B about the undeflected arm.
+        A, B and C about the undeflected arm; names of states, inputs and outputs.
         """
     def matrices(
         self,
@@ -333,11 +336,17 @@ class Model:
         """
         M, C and K at an extension, its rate and acceleration, and a slew rate.
         """
-    def modes(
-        self, /, length: SupportsFloat | SupportsIndex
-    ) -> tuple[NDArray[float64], NDArray[float64]]:
+    def mode_shapes(
+        self, /, length: SupportsFloat | SupportsIndex, count: SupportsIndex | None
+    ) -> tuple[NDArray[float64], NDArray[float64], NDArray[float64]]:
         """
-        Elastic angular frequencies (rad/s) and shapes, one a row.
+        Distances from the shoulder, displacements (a mode a row), angular frequencies (rad/s).
+        """
+    def natural_frequencies(
+        self, /, length: SupportsFloat | SupportsIndex, count: SupportsIndex | None
+    ) -> NDArray[float64]:
+        """
+        Elastic angular frequencies, rising, rad/s.
         """
 
 def context_names() -> list[str]:

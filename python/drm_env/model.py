@@ -17,16 +17,22 @@ __all__ = ["Energy", "Linearization", "Matrices", "ModeShapes", "Model"]
 
 
 class Matrices(NamedTuple):
-    """M q'' + C q' + K q = Q at one length, q = (slew angle, alpha, beta), each of shape (3, 3).
+    """M q'' + C q' + K q = Q about the undeflected arm at one length.
+
+    q is (slew angle, alpha, beta) of the thesis plant, and the slew angle, the coordinates of
+    link 1 and those of link 2 of the consistent one with modes (n, m): each matrix has the shape
+    (3, 3), or (1 + n + m, 1 + n + m).
 
     Attributes
     ----------
     M
         mass, symmetric.
     C
-        of the velocities, from the changing length; not symmetric. 1/s times mass.
+        of the velocities, from the changing length and structural damping; not symmetric. 1/s
+        times mass.
     K
-        stiffness, with the deployment's terms and, at the given slew rate, the axial load.
+        stiffness, with the deployment's terms and, at the given slew rate, those of turning: the
+        axial load, and in the consistent plant the centrifugal force across the arm.
     """
 
     M: NDArray[np.float64]
@@ -53,18 +59,39 @@ class Energy(NamedTuple):
 
 
 class Linearization(NamedTuple):
-    """x' = A x + B u about the undeformed arm, x = (q, q'), u = (slew, root, tip torque).
+    """x' = A x + B u, y = C x about the undeflected arm at one length, k coordinates.
+
+    The slew rate at which it was taken is part of x, and there is no constant term: every force
+    at zero deflection is proportional to the slew rate. While the arm deploys and turns, the
+    undeflected arm is no equilibrium: in deviations from it, A @ x0 is the constant term, where x0
+    holds the slew rate and zeros.
 
     Attributes
     ----------
     A
-        shape (6, 6).
+        shape (2 k, 2 k).
     B
-        shape (6, 3), per N m.
+        shape (2 k, 3), per N m.
+    C
+        shape (6, 2 k).
+    states
+        names of x: "slew_angle" (rad); "alpha" and "beta" (m) of the thesis plant, "link1_1" ...
+        and "link2_1" ... of the consistent one; then the rates of all in the same order,
+        "slew_rate", "alpha_rate" and so on.
+    inputs
+        names of u: "slew_torque", "root_torque", "tip_torque", N m.
+    outputs
+        names of y: "slew_angle" (rad), "slew_rate" (rad/s), "link2_deflection" (m, of link 2's
+        tip from link 1's end; 2 beta), "link2_deflection_rate" (m/s), "tip_deflection" (m, of
+        the tip from the rotating axis) and "tip_deflection_rate" (m/s).
     """
 
     A: NDArray[np.float64]
     B: NDArray[np.float64]
+    C: NDArray[np.float64]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
 
 
 class ModeShapes(NamedTuple):
@@ -100,9 +127,11 @@ class Model:
         what is known of the bending:
 
         - ``"thesis"``: assumed modes with the thesis' kinematics; the end of link 1 displaces
-          link 2 but does not turn it. With one mode a link this is the plant that is flown, and
-          the only one with equations of motion here.
-        - ``"consistent"``: assumed modes in which the end slope of link 1 turns link 2.
+          link 2 but does not turn it. With modes (1, 1) of shapes "b8" this is the plant that is
+          flown by default, with equations of motion; otherwise it has frequencies and shapes only.
+        - ``"consistent"``: assumed modes in which the end slope of link 1 turns link 2, and the
+          particles of link 2 are followed. With 1 to 8 modes a link it has matrices and a linear
+          form, those of the plant that is flown as ``"consistent"``.
         - ``"finite_element"``: Euler-Bernoulli beam finite elements of the whole arm.
         - ``"exact_rigid_link1"``: roots of the exact characteristic equation of the arm with a
           rigid link 1.
@@ -166,7 +195,12 @@ class Model:
         accel
             its acceleration, m/s^2.
         slew_rate
-            at which the axial load's stiffening is taken, rad/s.
+            at which the stiffening by turning is taken, rad/s.
+
+        Raises
+        ------
+        ConfigError
+            the plant has no equations of motion.
         """
         return Matrices(*self._model.matrices(extension, rate, accel, slew_rate))
 
@@ -182,7 +216,10 @@ class Model:
         root_torque: float = 0.0,
         tip_torque: float = 0.0,
     ) -> NDArray[np.float64]:
-        """Q'' of shape (3,) in the state q, q' (shape (3,) each) under torques in N m."""
+        """Q'' of shape (3,) in the state q, q' (shape (3,) each) under torques in N m.
+
+        Of the thesis plant alone, as are `energy` and `angular_momentum`.
+        """
         return self._model.acceleration(
             _vector(q),
             _vector(q_rate),
@@ -226,8 +263,30 @@ class Model:
     def linearize(
         self, extension: float, rate: float = 0.0, accel: float = 0.0, slew_rate: float = 0.0
     ) -> Linearization:
-        """The linear system about the undeformed arm; arguments as for `matrices`."""
-        return Linearization(*self._model.linearize(extension, rate, accel, slew_rate))
+        """The linear system about the undeflected arm at a length, for control design.
+
+        Its matrices are those of the equations that are flown. They hold at the instant of the
+        given extension, rate and acceleration: while the arm deploys they change.
+
+        Parameters
+        ----------
+        extension
+            length of link 2 outside link 1, m.
+        rate
+            its rate, m/s.
+        accel
+            its acceleration, m/s^2.
+        slew_rate
+            rate at which the undeflected arm turns, rad/s.
+
+        Raises
+        ------
+        ConfigError
+            the plant has no equations of motion.
+        """
+        matrices, names = self._model.linearize(extension, rate, accel, slew_rate)
+        states, inputs, outputs = (tuple(of) for of in names)
+        return Linearization(*matrices, states, inputs, outputs)
 
 
 def _vector(values: ArrayLike) -> NDArray[np.float64]:
