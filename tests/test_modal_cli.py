@@ -44,8 +44,8 @@ def test_json_holds_the_frequencies_of_every_plant() -> None:
 def test_options_reach_the_model() -> None:
     content = json.loads(
         succeed("--json", "--plant", "consistent", "--modes", 2, 3, "--shapes", "b9",
-                "--extension", 2.5, "--payload-length", 0.4, "--payload-width", 0.2, "--payload-inertia", "slender",
-                "--count", 5)
+                "--extension", 2.5, "--payload-length", 0.4, "--payload-width", 0.2,
+                "--payload-inertia", "slender", "--count", 5)
     )  # fmt: skip
     payload = {"mass": 200.0, "length": 0.4, "width": 0.2, "inertia": "slender"}
     model = drm_env.Model(payload, plant="consistent", modes=(2, 3), shapes="b9")
