@@ -305,7 +305,10 @@ impl Flight {
 
         self.integrate_sample(&command, slew);
         self.state.sample += 1;
-        self.state.outputs = self.plan.body.outputs(&self.state.motion, &self.extension());
+        self.state.outputs = self
+            .plan
+            .body
+            .outputs(&self.state.motion, &self.extension());
         self.sense();
 
         let [_, root_torque, tip_torque] = self.state.torques;

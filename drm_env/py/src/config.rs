@@ -1,9 +1,9 @@
 //! Configuration as text, and the names that go with it.
 
 use drm_env::config::EnvConfig;
-use drm_env::options::OPTIONS;
 use drm_env::error::{ConfigError, Error};
 use drm_env::metrics::METRIC_NAMES;
+use drm_env::options::OPTIONS;
 use drm_env::parameter::PARAMETERS;
 use drm_env::task::{self, REWARD_NAMES};
 use pyo3::prelude::*;
