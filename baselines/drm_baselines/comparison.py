@@ -8,7 +8,7 @@ comparison is about.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +88,7 @@ class Contestant:
             )
         assert self.policy is not None, "a contestant has a law or a policy"
         assert self.config is not None, "a policy comes with a configuration"
-        return fly_policy(
+        flown = fly_policy(
             self.policy,
             self.env_id,
             self.config,
@@ -98,6 +98,11 @@ class Contestant:
             details=self.details,
             progress=progress,
         )
+        if self.details.get("action") == "zero":
+            # all that decides is the law below, at its own period
+            period = float(self.config.scenario.sample_period)
+            return replace(flown, control_period=period)
+        return flown
 
     def trajectory(self, arena: Arena, index: int = 0) -> Mapping[str, NDArray[np.float64]]:
         """Return the signals of the arena's episode ``index`` over time."""
