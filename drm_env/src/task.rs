@@ -54,6 +54,12 @@ const MOMENTUM: [(&str, &str, f64); 2] = [
     ("tip_momentum", "N m s", 50.0),
 ];
 
+/// Entries of each preview time: name, unit, scale.
+const PREVIEW: [(&str, &str, f64); 2] = [
+    ("reference_accel", "rad/s^2", 0.02),
+    ("extension", "m", 8.0),
+];
+
 /// Where the compressed entries turn from linear to logarithmic: slew error (rad), its rate
 /// (rad/s), deflection (m), its rate (m/s).
 const FINE: [f64; 4] = [1e-5, 1e-5, 1e-5, 1e-4];
@@ -66,8 +72,9 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
         .map(|&(name, unit, scale)| (name.to_owned(), unit, scale))
         .collect();
     for time in &task.preview_times {
-        frame.push((format!("reference_accel+{time}s"), "rad/s^2", 0.02));
-        frame.push((format!("extension+{time}s"), "m", 8.0));
+        for (name, unit, scale) in PREVIEW {
+            frame.push((format!("{name}+{time}s"), unit, scale));
+        }
     }
     (0..task.observation_history)
         .rev()
@@ -87,7 +94,7 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
 
 /// Entries of one frame.
 pub fn frame_size(task: &Task) -> usize {
-    FIXED.len() + MOMENTUM.len() + 2 * task.preview_times.len()
+    FIXED.len() + MOMENTUM.len() + PREVIEW.len() * task.preview_times.len()
 }
 
 /// Writes one frame.
@@ -142,8 +149,13 @@ pub fn observe(flight: &Flight, task: &Task, frame: &mut Vec<f32>) {
         push(value, scale);
     }
     for ahead in &task.preview_times {
-        push(plan.timeline.reference(time + ahead).accel, 0.02);
-        push(plan.timeline.extension(time + ahead).length, 8.0);
+        let then = [
+            plan.timeline.reference(time + ahead).accel,
+            plan.timeline.extension(time + ahead).length,
+        ];
+        for (value, (_, _, scale)) in then.into_iter().zip(PREVIEW) {
+            push(value, scale);
+        }
     }
 }
 

@@ -319,8 +319,11 @@ proptest! {
         let start = undeflected(3, case.slew_rate);
         let rate = &linear.a * &start;
         let whole = accel(0, 0.0);
+        let singular = mass.clone().singular_values();
+        let condition = singular.max() / singular.min();
         for i in 0..3 {
-            let scale = 1e-10 * whole.amax();
+            // what rounding leaves through the condition of M
+            let scale = 4.0 * f64::EPSILON * condition * whole.amax();
             prop_assert!((rate[3 + i] - whole[i]).abs() <= scale, "{rate} {whole}");
         }
     }
@@ -346,8 +349,8 @@ proptest! {
     #![proptest_config(config(24))]
 
     /// As for the thesis plant, with the rounding of short steps. Besides the whole, what deployment
-    /// and turning add to the arm at rest: to 1e-4, and 1e-9 of the whole that rounding leaves of
-    /// the stiffness of the fastest mode.
+    /// and turning add to the arm at rest: to 1e-4, and 2e-10 of the whole that rounding leaves of
+    /// the stiffness of the fastest mode (it falls as the displacements of the differences grow).
     #[test]
     fn consistent_form_is_the_derivative_of_a_step(
         case in case(),
@@ -358,7 +361,7 @@ proptest! {
         let plant = flown(&case, modes);
         let h = small_step(&case, &model);
         let n = plant.size();
-        let unit = |j: usize| if j < n { 1e-6 } else { 1e-1 };
+        let unit = |j: usize| if j < n { 1e-5 } else { 1e-1 };
         let both = |extension: &Extension<f64>, slew_rate: f64| {
             let linear = model.linearize(extension, slew_rate).expect("it exists");
             check_kinematics(&linear);
@@ -380,14 +383,14 @@ proptest! {
         for column in [0, n] {
             let added = block(&(&linear.a - &still.a), column);
             let error = (block(&(&a - &still_a), column) - &added).amax();
-            let allowed = 1e-4 * added.amax() + 1e-9 * block(&linear.a, column).amax();
+            let allowed = 1e-4 * added.amax() + 2e-10 * block(&linear.a, column).amax();
             println!("{error:e} of {:e}", added.amax());
             prop_assert!(error < allowed, "{column}: {error:e} {allowed:e}");
         }
     }
 
     /// C gives the outputs, and the rows of rates are rates of change of those of values along the
-    /// motion (central differences over 1e-5 s, second order, extrapolated).
+    /// motion (central differences over 1 ms and 2 ms, second order, extrapolated).
     #[test]
     fn outputs_are_those_that_are_seen(case in case(), modes in (1..6_usize, 1..6_usize)) {
         let modes = [modes.0, modes.1];

@@ -128,7 +128,11 @@ def end_info(
 
 
 class ClosedEngine:
-    """Stands in for the engine after ``close``: any use of it says so."""
+    """Stands in for the engine after ``close``: any use of it says so.
+
+    Owners annotate the attribute as the engine, so that its every use is type-checked; putting this
+    in its place is therefore marked as a deliberate mismatch.
+    """
 
     def __getattr__(self, name: str) -> NoReturn:
         """Refuses every use."""

@@ -272,6 +272,7 @@ def _convert(kind: Any, data: Any) -> Any:
     if origin in (Union, types.UnionType):
         return _convert_union(get_args(kind), data)
     if isinstance(data, dict) and dataclasses.is_dataclass(kind):
+        # `is_dataclass` also admits instances, which no annotation is
         hints = _hints(kind)  # type: ignore[arg-type]
         fields = {name: _convert(hints[name], item) for name, item in data.items()}
         return kind(**fields)  # type: ignore[operator]

@@ -192,6 +192,7 @@ class DrmSB3VecEnv(VecEnv):
                 f"images need render_mode='rgb_array', it is {self.render_mode!r}", stacklevel=2
             )
             return [None] * self.num_envs
+        # with rgb_array a lane renders an array, never text
         return [lane.render() for lane in self.batch.lanes]  # type: ignore[misc]
 
 
