@@ -1,7 +1,9 @@
 //! The number type of the physics: one environment (`f64`) or several side by side ([`Pack`]).
 //!
 //! Every operation of a pack is the same IEEE operation on each of its lanes, in the same order as
-//! for a plain `f64` and without fused multiply-add, so a lane's bits do not depend on the width.
+//! for a plain `f64`, so a lane's bits do not depend on the width. Multiplications and additions are
+//! fused where [`Lane::mul_add`] is written and nowhere else: a processor without that instruction
+//! computes the same bits, slowly.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -31,6 +33,16 @@ pub trait Lane:
     fn min(self, other: Self) -> Self;
     /// The larger of the two, lane by lane.
     fn max(self, other: Self) -> Self;
+    /// `self * factor + addend`, rounded once.
+    fn mul_add(self, factor: Self, addend: Self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// Magnitude.
+    fn abs(self) -> Self;
+    /// `self` where `condition` is not zero, `other` where it is, lane by lane.
+    fn where_set(self, condition: Self, other: Self) -> Self;
+    /// 1 where `self < other`, 0 elsewhere (and where either is not a number).
+    fn below(self, other: Self) -> Self;
     /// Value of lane `index`.
     fn lane(&self, index: usize) -> f64;
     /// Sets lane `index`.
@@ -65,6 +77,31 @@ impl Lane for f64 {
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        f64::mul_add(self, factor, addend)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f64::abs(self)
+    }
+
+    #[inline(always)]
+    fn where_set(self, condition: Self, other: Self) -> Self {
+        if condition != 0.0 { self } else { other }
+    }
+
+    #[inline(always)]
+    fn below(self, other: Self) -> Self {
+        if self < other { 1.0 } else { 0.0 }
     }
 
     #[inline(always)]
@@ -151,6 +188,35 @@ impl<const N: usize> Lane for Pack<N> {
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         Self(std::array::from_fn(|i| Lane::max(self.0[i], other.0[i])))
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        Self(std::array::from_fn(|i| {
+            f64::mul_add(self.0[i], factor.0[i], addend.0[i])
+        }))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(std::array::from_fn(|i| f64::sqrt(self.0[i])))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(std::array::from_fn(|i| f64::abs(self.0[i])))
+    }
+
+    #[inline(always)]
+    fn where_set(self, condition: Self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| {
+            Lane::where_set(self.0[i], condition.0[i], other.0[i])
+        }))
+    }
+
+    #[inline(always)]
+    fn below(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| Lane::below(self.0[i], other.0[i])))
     }
 
     #[inline(always)]
