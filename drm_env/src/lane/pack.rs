@@ -1,0 +1,140 @@
+//! Packs as arrays of plain numbers.
+
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+use super::{Lane, laned_number};
+
+/// `N` environments side by side; arithmetic acts on each lane alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C, align(16))]
+pub struct Pack<const N: usize>(pub [f64; N]);
+
+macro_rules! pack_operator {
+    ($($trait:ident $method:ident $operator:tt),*) => {$(
+        impl<const N: usize> $trait for Pack<N> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(std::array::from_fn(|i| self.0[i] $operator other.0[i]))
+            }
+        }
+    )*};
+}
+
+macro_rules! pack_scalar_operator {
+    ($($trait:ident $method:ident $operator:tt),*) => {$(
+        impl<const N: usize> $trait<f64> for Pack<N> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: f64) -> Self {
+                Self(std::array::from_fn(|i| self.0[i] $operator other))
+            }
+        }
+    )*};
+}
+
+pack_operator!(Add add +, Sub sub -, Mul mul *, Div div /);
+pack_scalar_operator!(Add add +, Sub sub -, Mul mul *);
+
+impl<const N: usize> Neg for Pack<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|value| -value))
+    }
+}
+
+impl<const N: usize> AddAssign for Pack<N> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<const N: usize> SubAssign for Pack<N> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+laned_number!((const N: usize) Pack<N>);
+
+impl<const N: usize> Lane for Pack<N> {
+    const WIDTH: usize = N;
+
+    #[inline(always)]
+    fn splat(value: f64) -> Self {
+        Self([value; N])
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| Lane::min(self.0[i], other.0[i])))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| Lane::max(self.0[i], other.0[i])))
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        Self(std::array::from_fn(|i| {
+            f64::mul_add(self.0[i], factor.0[i], addend.0[i])
+        }))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    #[inline(always)]
+    fn below(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| Lane::below(self.0[i], other.0[i])))
+    }
+
+    #[inline(always)]
+    fn where_set(self, condition: Self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| {
+            Lane::where_set(self.0[i], condition.0[i], other.0[i])
+        }))
+    }
+
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        (0..N).fold(0, |bits, i| bits | (Lane::bits(self.0[i]) << i))
+    }
+
+    #[inline(always)]
+    fn split(self) -> (Self, Self) {
+        (
+            Self(self.0.map(|value| value.split().0)),
+            Self(self.0.map(|value| value.split().1)),
+        )
+    }
+
+    #[inline(always)]
+    fn power_of_two(self) -> Self {
+        Self(self.0.map(Lane::power_of_two))
+    }
+
+    #[inline(always)]
+    fn lane(&self, index: usize) -> f64 {
+        self.0[index]
+    }
+
+    #[inline(always)]
+    fn set_lane(&mut self, index: usize, value: f64) {
+        self.0[index] = value;
+    }
+}
