@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::arm::{non_negative, positive};
 use crate::error::ConfigError;
-use crate::lane::Lane;
+use crate::lane::{Lane, laned};
 
 /// Parameters of one reaction wheel, whichever it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,6 +96,12 @@ pub struct WheelState<T> {
     pub momentum: T,
 }
 
+laned!(WheelState {
+    torque,
+    applied,
+    momentum,
+});
+
 /// Torque at the beginning, middle and end of one integration step, N m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepTorque<T> {
@@ -145,14 +151,63 @@ impl<T: Lane> WheelState<T> {
         };
         self.torque = end;
         self.applied = cut.end;
-        self.momentum -= (cut.start + cut.middle * 4.0 + cut.end) * h * (1.0 / 6.0);
+        self.momentum -= impulse(&cut, h);
         cut
     }
+
+    /// [`WheelState::step`] of a wheel without lag and momentum limit, to the bit.
+    #[inline(always)]
+    pub fn follow(&mut self, command: T, h: T) -> StepTorque<T> {
+        // as `step` makes 0 of -0
+        let torque = command + 0.0;
+        let held = StepTorque {
+            start: torque,
+            middle: torque,
+            end: torque,
+        };
+        self.torque = torque;
+        self.applied = torque;
+        self.momentum -= impulse(&held, h);
+        held
+    }
+}
+
+/// Simpson's integral of a torque over a step, N m s.
+#[inline(always)]
+fn impulse<T: Lane>(torque: &StepTorque<T>, h: T) -> T {
+    (torque.start + torque.middle * 4.0 + torque.end) * h * (1.0 / 6.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A wheel that follows at once by either way, bit by bit.
+        #[test]
+        fn ideal_wheel_is_the_limit_of_a_real_one(
+            commands in proptest::collection::vec(-100.0..100.0_f64, 1..20), zero in any::<bool>(),
+        ) {
+            let (mut real, mut ideal) = (WheelState::rest(), WheelState::rest());
+            let sign = if zero { 0.0 } else { 1.0 };
+            for command in commands {
+                let command = command * sign;
+                let by_step = real.step(command, 0.0, 0.0, f64::INFINITY, 5e-4);
+                let by_following = ideal.follow(command, 5e-4);
+                for (x, y) in [
+                    (by_step.start, by_following.start),
+                    (by_step.middle, by_following.middle),
+                    (by_step.end, by_following.end),
+                    (real.torque, ideal.torque),
+                    (real.applied, ideal.applied),
+                    (real.momentum, ideal.momentum),
+                ] {
+                    prop_assert_eq!(x.to_bits(), y.to_bits());
+                }
+            }
+        }
+    }
 
     /// Torque and momentum of a first-order lag: T (1 - e^(-t/lag)) and its integral.
     #[test]

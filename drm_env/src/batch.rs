@@ -1,15 +1,19 @@
-//! Many environments of one configuration, stepped together on several threads. Environment `i`
-//! gives the same bits as a single one with its seed, whatever the batch and the threads.
+//! Many environments of one configuration, stepped together: side by side in the lanes of the
+//! processor's registers and on several threads. Environment `i` gives the same bits as a single one
+//! with its seed, whatever the batch, the lanes and the threads.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use rayon::prelude::*;
-
+use crate::cohort::{Phase, Setup};
 use crate::config::EnvConfig;
-use crate::env::{Env, Outcome, check_finite};
+use crate::crew::{Crew, Rows, crews};
+use crate::env::{Env, check_finite, check_phase};
 use crate::error::{ConfigError, Error, SimulationError, SnapshotError};
+use crate::flight::lanes_of;
+use crate::lane::Instructions;
 use crate::metrics::Metrics;
 use crate::parameter::Overrides;
+use crate::pool::Pool;
 use crate::rng::Seed;
 
 /// What happens to an environment whose episode has ended.
@@ -49,14 +53,18 @@ pub struct Ended {
     pub context: Vec<f64>,
 }
 
-#[derive(Debug, Clone)]
-struct Slot {
-    env: Env,
+/// Environments that are stepped side by side, and what a batch keeps of each; flags are a bit a lane.
+#[derive(Debug)]
+struct Group {
+    crew: Box<dyn Crew>,
+    /// Lanes in use: the first ones.
+    count: usize,
     /// The episode ended in an earlier step and the next one resets.
-    waiting: bool,
+    waiting: u32,
     /// The last call began an episode.
-    began: bool,
-    ended: Option<Box<Ended>>,
+    began: u32,
+    /// Episodes that ended in the last step, by lane.
+    ended: Vec<(usize, Box<Ended>)>,
 }
 
 /// A batch of environments.
@@ -64,13 +72,16 @@ struct Slot {
 pub struct Batch {
     config: Arc<EnvConfig>,
     autoreset: Autoreset,
-    slots: Vec<Slot>,
+    groups: Vec<Group>,
+    count: usize,
+    /// Environments in every group but the last ones.
+    width: usize,
     threads: usize,
     pool: Pool,
 }
 
-/// Below this many integration steps in a call, threads cost more than they give.
-const STEPS_WORTH_A_THREAD: usize = 400;
+/// Below this many samples in a call, threads cost more than they give.
+const SAMPLES_WORTH_A_THREAD: usize = 400;
 
 impl Batch {
     /// `count` environments; `threads` is the most that a call may use.
@@ -83,26 +94,52 @@ impl Batch {
         autoreset: Autoreset,
         threads: Option<usize>,
     ) -> Result<Self, ConfigError> {
+        let widest = Instructions::detect();
+        Self::with_instructions(config, count, autoreset, threads, widest)
+    }
+
+    /// [`Batch::new`] with instructions that the processor has; the results do not depend on them.
+    ///
+    /// # Errors
+    /// A configuration that cannot be flown; instructions that the processor does not have.
+    pub fn with_instructions(
+        config: Arc<EnvConfig>,
+        count: usize,
+        autoreset: Autoreset,
+        threads: Option<usize>,
+        instructions: Instructions,
+    ) -> Result<Self, ConfigError> {
         if count == 0 {
             return Err(ConfigError::value("num_envs", "must be at least 1", count));
         }
         if threads == Some(0) {
             return Err(ConfigError::value("num_threads", "must be at least 1", 0));
         }
-        let env = Env::new(Arc::clone(&config))?;
+        let env = Env::with_setup(Setup::new(&config)?)?;
         let available = std::thread::available_parallelism().map_or(1, usize::from);
+        let crews = crews(&env, count, instructions)?;
+        let width = crews.first().map_or(1, |crew| crew.width());
+        let mut left = count;
+        let groups = crews
+            .into_iter()
+            .map(|crew| {
+                let used = left.min(crew.width());
+                left -= used;
+                Group {
+                    crew,
+                    count: used,
+                    waiting: 0,
+                    began: 0,
+                    ended: Vec::new(),
+                }
+            })
+            .collect();
         Ok(Self {
-            slots: vec![
-                Slot {
-                    env,
-                    waiting: false,
-                    began: false,
-                    ended: None,
-                };
-                count
-            ],
             config,
             autoreset,
+            groups,
+            count,
+            width,
             threads: threads.unwrap_or(available),
             pool: Pool::default(),
         })
@@ -115,24 +152,52 @@ impl Batch {
 
     /// Number of environments.
     pub fn len(&self) -> usize {
-        self.slots.len()
+        self.count
     }
 
     /// Never: a batch has at least one environment.
     pub fn is_empty(&self) -> bool {
-        self.slots.is_empty()
+        self.count == 0
     }
 
     /// Entries of one observation.
     pub fn observation_size(&self) -> usize {
-        self.slots
+        self.groups
             .first()
-            .map_or(0, |slot| slot.env.observation().len())
+            .map_or(0, |group| group.crew.observation_of(0).len())
     }
 
-    /// One environment.
-    pub fn env(&self, index: usize) -> Option<&Env> {
-        self.slots.get(index).map(|slot| &slot.env)
+    /// Group and lane of an environment.
+    fn place(&self, index: usize) -> Option<(usize, usize)> {
+        if index >= self.count {
+            return None;
+        }
+        // all groups but the last ones have the same width
+        let (mut group, mut lane) = (index / self.width, index % self.width);
+        group = group.min(self.groups.len() - 1);
+        let mut first = group * self.width;
+        lane = lane.max(index - first);
+        while lane >= self.groups[group].count {
+            first += self.groups[group].count;
+            lane = index - first;
+            group += 1;
+        }
+        Some((group, lane))
+    }
+
+    /// A copy of one environment.
+    pub fn env(&self, index: usize) -> Option<Env> {
+        let (group, lane) = self.place(index)?;
+        Some(self.groups[group].crew.one(lane))
+    }
+
+    /// Every environment as group and lane, in order.
+    fn places(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let counts: Vec<usize> = self.groups.iter().map(|group| group.count).collect();
+        counts
+            .into_iter()
+            .enumerate()
+            .flat_map(|(group, count)| (0..count).map(move |lane| (group, lane)))
     }
 
     /// Begins an episode in every environment, or in those of the mask.
@@ -145,7 +210,7 @@ impl Batch {
         once: Option<&[Overrides]>,
         mask: Option<&[bool]>,
     ) -> Result<(), Error> {
-        let count = self.slots.len();
+        let count = self.count;
         check_length("seed", count, seeds.len())?;
         if let Some(once) = once {
             check_length("options", count, once.len())?;
@@ -154,22 +219,23 @@ impl Batch {
             check_length("reset_mask", count, mask.len())?;
         }
         let none = Overrides::new();
-        let mut next = Vec::new();
-        for (i, slot) in self.slots.iter().enumerate() {
+        let mut drafts = Vec::with_capacity(count);
+        for (i, (group, lane)) in self.places().enumerate() {
             if mask.is_none_or(|mask| mask[i]) {
-                let mut env = slot.env.clone();
-                env.reset(seeds[i], once.map_or(&none, |once| &once[i]))?;
-                next.push((i, env));
+                let crew = &self.groups[group].crew;
+                let draft = crew.draw(lane, seeds[i], once.map_or(&none, |once| &once[i]))?;
+                drafts.push((group, lane, draft));
             }
         }
-        for slot in &mut self.slots {
-            slot.began = false;
-            slot.ended = None;
+        for group in &mut self.groups {
+            group.began = 0;
+            group.ended.clear();
         }
-        for (i, env) in next {
-            self.slots[i].env = env;
-            self.slots[i].waiting = false;
-            self.slots[i].began = true;
+        for (group, lane, draft) in drafts {
+            let group = &mut self.groups[group];
+            group.crew.begin(lane, &draft)?;
+            group.waiting &= !(1 << lane);
+            group.began |= 1 << lane;
         }
         Ok(())
     }
@@ -179,13 +245,14 @@ impl Batch {
     /// # Errors
     /// A list of the wrong length, or settings that cannot be flown: then nothing has changed.
     pub fn set_context(&mut self, settings: &[Overrides]) -> Result<(), Error> {
-        check_length("context", self.slots.len(), settings.len())?;
-        let mut envs: Vec<Env> = self.slots.iter().map(|slot| slot.env.clone()).collect();
-        for (env, settings) in envs.iter_mut().zip(settings) {
-            env.set_context(settings.clone())?;
+        check_length("context", self.count, settings.len())?;
+        for ((group, lane), settings) in self.places().zip(settings) {
+            self.groups[group].crew.check_context(lane, settings)?;
         }
-        for (slot, env) in self.slots.iter_mut().zip(envs) {
-            slot.env = env;
+        for ((group, lane), settings) in self.places().zip(settings) {
+            self.groups[group]
+                .crew
+                .set_context(lane, settings.clone())?;
         }
         Ok(())
     }
@@ -196,7 +263,7 @@ impl Batch {
     /// Arrays of the wrong length, entries that are not finite, environments that are not running:
     /// then nothing has changed. A scenario drawn on autoreset that cannot be flown.
     pub fn step(&mut self, actions: &[f32], out: &mut StepBuffers<'_>) -> Result<(), Error> {
-        let count = self.slots.len();
+        let count = self.count;
         let width = self.config.task.actuators.len();
         let size = self.observation_size();
         if actions.len() != count * width {
@@ -212,43 +279,28 @@ impl Batch {
         check_length("terminated", count, out.terminated.len())?;
         check_length("truncated", count, out.truncated.len())?;
         check_length("terms", count * 3, out.terms.len())?;
-        for slot in &self.slots {
-            if !slot.waiting {
-                slot.env.check_running()?;
+        for group in &self.groups {
+            for lane in 0..group.count {
+                if group.waiting >> lane & 1 == 0 {
+                    check_phase(group.crew.phase(lane))?;
+                }
             }
         }
         let autoreset = self.autoreset;
         let failure = Mutex::new(None);
-        let one = |(slot, action, row): (&mut Slot, &[f32], Row<'_>)| {
-            if let Err(error) = slot.step(action, autoreset, row) {
-                *failure
-                    .lock()
-                    .unwrap_or_else(std::sync::PoisonError::into_inner) = Some(error);
+        let work = count * self.config.samples_per_action();
+        let parts = parts(&mut self.groups, actions, width, size, out);
+        let one = |(group, actions, rows): (&mut Group, &[f32], Rows<'_>)| {
+            if let Err(error) = group.step(actions, autoreset, rows) {
+                *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
             }
         };
-        let work = count * self.config.samples_per_action();
-        if self.threads == 1 || work < STEPS_WORTH_A_THREAD {
-            rows(&mut self.slots, actions, width, size, out).for_each(one);
+        if self.threads == 1 || work < SAMPLES_WORTH_A_THREAD {
+            parts.for_each(one);
         } else {
-            let pool = self.pool.get(self.threads);
-            // a few chunks a thread even out episodes of different cost
-            let chunk = count.div_ceil(self.threads * 4).max(1);
-            let mut parts: Vec<_> = rows(&mut self.slots, actions, width, size, out).collect();
-            match pool {
-                Some(pool) => pool.install(|| {
-                    parts.par_chunks_mut(chunk).for_each(|part| {
-                        for (slot, action, row) in part {
-                            one((slot, action, row.reborrow()));
-                        }
-                    });
-                }),
-                None => parts.into_iter().for_each(one),
-            }
+            self.pool.share(self.threads, parts, one);
         }
-        match failure
-            .into_inner()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
-        {
+        match failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
             None => Ok(()),
             Some(error) => Err(error.into()),
         }
@@ -257,19 +309,54 @@ impl Batch {
     /// Copies every observation, `num_envs x observation_size`.
     pub fn copy_observations(&self, out: &mut [f32]) {
         let size = self.observation_size();
-        for (slot, row) in self.slots.iter().zip(out.chunks_exact_mut(size)) {
-            row.copy_from_slice(slot.env.observation());
+        for ((group, lane), row) in self.places().zip(out.chunks_exact_mut(size)) {
+            row.copy_from_slice(self.groups[group].crew.observation_of(lane));
         }
     }
 
-    /// Whether the last call began an episode in an environment.
-    pub fn began(&self, index: usize) -> bool {
-        self.slots.get(index).is_some_and(|slot| slot.began)
+    /// Whether the last call began an episode in any environment.
+    pub fn any_began(&self) -> bool {
+        self.groups.iter().any(|group| group.began != 0)
     }
 
-    /// What is kept of the episode that ended in the last step, if one did.
-    pub fn ended(&self, index: usize) -> Option<&Ended> {
-        self.slots.get(index).and_then(|slot| slot.ended.as_deref())
+    /// Whether the last step ended an episode in any environment.
+    pub fn any_ended(&self) -> bool {
+        self.groups.iter().any(|group| !group.ended.is_empty())
+    }
+
+    /// Environments in which the last call began an episode, in order.
+    pub fn began(&self) -> impl Iterator<Item = usize> + '_ {
+        self.firsts()
+            .flat_map(|(first, group)| lanes_of(group.began).map(move |lane| first + lane))
+    }
+
+    /// What is kept of the episodes that ended in the last step, with their environments, in order.
+    pub fn ended(&self) -> impl Iterator<Item = (usize, &Ended)> + '_ {
+        self.firsts().flat_map(|(first, group)| {
+            let ended = group.ended.iter();
+            ended.map(move |(lane, ended)| (first + lane, &**ended))
+        })
+    }
+
+    /// Groups with the index of their first environment.
+    fn firsts(&self) -> impl Iterator<Item = (usize, &Group)> + '_ {
+        self.groups.iter().scan(0, |next, group| {
+            let first = *next;
+            *next += group.count;
+            Some((first, group))
+        })
+    }
+
+    /// The true context of one environment, in the order of [`crate::parameter::PARAMETERS`].
+    pub fn context(&self, index: usize) -> Option<[f64; crate::parameter::COUNT]> {
+        let (group, lane) = self.place(index)?;
+        Some(self.groups[group].crew.context(lane))
+    }
+
+    /// Whether every environment has had an episode.
+    pub fn has_reset(&self) -> bool {
+        self.places()
+            .all(|(group, lane)| self.groups[group].crew.phase(lane) != Phase::Fresh)
     }
 
     /// Overrides what is drawn in every later episode of one environment, until called again.
@@ -277,10 +364,9 @@ impl Batch {
     /// # Errors
     /// No such environment, or settings that cannot be flown: then nothing has changed.
     pub fn set_env_context(&mut self, index: usize, settings: Overrides) -> Result<(), Error> {
-        self.slot(index)?
-            .env
-            .set_context(settings)
-            .map_err(Into::into)
+        let (group, lane) = self.known(index)?;
+        let crew = &mut self.groups[group].crew;
+        crew.set_context(lane, settings).map_err(Into::into)
     }
 
     /// Snapshot of one environment: a single environment with the same configuration takes it too.
@@ -288,11 +374,8 @@ impl Batch {
     /// # Errors
     /// No such environment.
     pub fn env_state(&self, index: usize) -> Result<Vec<u8>, Error> {
-        let slot = self
-            .slots
-            .get(index)
-            .ok_or_else(|| missing(index, self.slots.len()))?;
-        Ok(slot.env.get_state())
+        let (group, lane) = self.known(index)?;
+        Ok(self.groups[group].crew.one(lane).get_state())
     }
 
     /// Restores one environment from its snapshot or from that of a single environment.
@@ -300,23 +383,27 @@ impl Batch {
     /// # Errors
     /// No such environment; damaged or foreign data. Nothing has changed then.
     pub fn set_env_state(&mut self, index: usize, bytes: &[u8]) -> Result<(), Error> {
+        let (group, lane) = self.known(index)?;
         let autoreset = self.autoreset;
-        let slot = self.slot(index)?;
-        slot.env.set_state(bytes)?;
-        slot.restored(autoreset);
+        let group = &mut self.groups[group];
+        let mut env = group.crew.one(lane);
+        env.set_state(bytes)?;
+        group.restore(lane, &env, autoreset);
         Ok(())
     }
 
-    fn slot(&mut self, index: usize) -> Result<&mut Slot, Error> {
-        let count = self.slots.len();
-        self.slots
-            .get_mut(index)
-            .ok_or_else(|| missing(index, count).into())
+    fn known(&self, index: usize) -> Result<(usize, usize), ConfigError> {
+        self.place(index).ok_or_else(|| {
+            ConfigError::value("index", format!("must be below {}", self.count), index)
+        })
     }
 
     /// Snapshot of every environment.
     pub fn get_state(&self) -> Vec<u8> {
-        let states: Vec<Vec<u8>> = self.slots.iter().map(|slot| slot.env.get_state()).collect();
+        let states: Vec<Vec<u8>> = self
+            .places()
+            .map(|(group, lane)| self.groups[group].crew.one(lane).get_state())
+            .collect();
         // lists of bytes always serialise
         let body = postcard::to_allocvec(&states).unwrap_or_default();
         [
@@ -346,20 +433,20 @@ impl Batch {
             return Err(damaged(&"the checksum does not fit").into());
         }
         let states: Vec<Vec<u8>> = postcard::from_bytes(body).map_err(|e| damaged(&e))?;
-        let (count, got) = (self.slots.len(), states.len());
+        let (count, got) = (self.count, states.len());
         if count != got {
             let text = format!("it holds {got} environments, the batch has {count}");
             return Err(SnapshotError::Damaged(text).into());
         }
         let mut envs = Vec::with_capacity(count);
-        for (slot, bytes) in self.slots.iter().zip(&states) {
-            let mut env = slot.env.clone();
+        for ((group, lane), bytes) in self.places().zip(&states) {
+            let mut env = self.groups[group].crew.one(lane);
             env.set_state(bytes)?;
             envs.push(env);
         }
-        for (slot, env) in self.slots.iter_mut().zip(envs) {
-            slot.env = env;
-            slot.restored(self.autoreset);
+        let autoreset = self.autoreset;
+        for ((group, lane), env) in self.places().zip(envs) {
+            self.groups[group].restore(lane, &env, autoreset);
         }
         Ok(())
     }
@@ -367,108 +454,93 @@ impl Batch {
 
 const SNAPSHOT_MAGIC: &[u8; 4] = b"DRMb";
 
-fn missing(index: usize, count: usize) -> ConfigError {
-    ConfigError::value("index", format!("must be below {count}"), index)
-}
-
-/// One row of [`StepBuffers`].
-struct Row<'a> {
-    observation: &'a mut [f32],
-    reward: &'a mut f64,
-    terminated: &'a mut bool,
-    truncated: &'a mut bool,
-    terms: &'a mut [f64],
-}
-
-impl Row<'_> {
-    fn reborrow(&mut self) -> Row<'_> {
-        Row {
-            observation: self.observation,
-            reward: self.reward,
-            terminated: self.terminated,
-            truncated: self.truncated,
-            terms: self.terms,
-        }
-    }
-}
-
-fn rows<'a>(
-    slots: &'a mut [Slot],
+/// The groups with their actions and rows.
+fn parts<'a>(
+    groups: &'a mut [Group],
     actions: &'a [f32],
     width: usize,
     size: usize,
     out: &'a mut StepBuffers<'_>,
-) -> impl Iterator<Item = (&'a mut Slot, &'a [f32], Row<'a>)> {
-    slots
-        .iter_mut()
-        .zip(actions.chunks_exact(width))
-        .zip(out.observations.chunks_exact_mut(size))
-        .zip(out.rewards.iter_mut())
-        .zip(out.terminated.iter_mut().zip(out.truncated.iter_mut()))
-        .zip(out.terms.chunks_exact_mut(3))
-        .map(
-            |(((((slot, action), observation), reward), (terminated, truncated)), terms)| {
-                let row = Row {
-                    observation,
-                    reward,
-                    terminated,
-                    truncated,
-                    terms,
-                };
-                (slot, action, row)
-            },
-        )
+) -> impl Iterator<Item = (&'a mut Group, &'a [f32], Rows<'a>)> {
+    let mut left = (
+        actions,
+        &mut *out.observations,
+        &mut *out.rewards,
+        &mut *out.terminated,
+        &mut *out.truncated,
+        &mut *out.terms,
+    );
+    groups.iter_mut().map(move |group| {
+        let n = group.count;
+        let (action, rest) = left.0.split_at(n * width);
+        left.0 = rest;
+        let rows = Rows {
+            observations: front(&mut left.1, n * size),
+            rewards: front(&mut left.2, n),
+            terminated: front(&mut left.3, n),
+            truncated: front(&mut left.4, n),
+            terms: front(&mut left.5, n * 3),
+        };
+        (group, action, rows)
+    })
 }
 
-impl Slot {
-    /// After the environment has been replaced: the next step resets what has ended, if steps do.
-    fn restored(&mut self, autoreset: Autoreset) {
-        self.waiting =
-            autoreset == Autoreset::NextStep && self.env.has_reset() && !self.env.is_running();
-        self.began = false;
-        self.ended = None;
+/// Splits the first entries off.
+fn front<'a, V>(slice: &mut &'a mut [V], count: usize) -> &'a mut [V] {
+    let (first, rest) = std::mem::take(slice).split_at_mut(count);
+    *slice = rest;
+    first
+}
+
+impl Group {
+    /// A lane's environment has been replaced: the next step resets what has ended, if steps do.
+    fn restore(&mut self, lane: usize, env: &Env, autoreset: Autoreset) {
+        let bit = 1 << lane;
+        self.crew.put(lane, env);
+        self.waiting &= !bit;
+        if autoreset == Autoreset::NextStep && env.has_reset() && !env.is_running() {
+            self.waiting |= bit;
+        }
+        self.began &= !bit;
+        self.ended.retain(|(ended, _)| *ended != lane);
     }
 
     fn step(
         &mut self,
-        action: &[f32],
+        actions: &[f32],
         autoreset: Autoreset,
-        row: Row<'_>,
+        mut rows: Rows<'_>,
     ) -> Result<(), ConfigError> {
-        self.ended = None;
-        self.began = false;
-        let outcome = if self.waiting {
-            self.env.reset(None, &Overrides::new())?;
-            self.waiting = false;
-            self.began = true;
-            Outcome {
-                reward: 0.0,
-                terminated: false,
-                truncated: false,
-            }
-        } else {
-            self.env.step_checked(action)
-        };
-        row.terms.copy_from_slice(&self.env.reward_terms());
-        if outcome.terminated || outcome.truncated {
-            self.ended = Some(Box::new(Ended {
-                observation: self.env.observation().to_vec(),
-                metrics: self.env.metrics(),
-                context: self.env.context().to_vec(),
-            }));
+        self.ended.clear();
+        self.began = 0;
+        let everyone = (1_u32 << self.count).wrapping_sub(1);
+        let begin = self.waiting & everyone;
+        let flying = everyone & !begin;
+        self.crew.step(actions, flying, &mut rows);
+        let none = Overrides::new();
+        for lane in lanes_of(begin) {
+            let draft = self.crew.draw(lane, None, &none)?;
+            self.crew.begin(lane, &draft)?;
+            self.crew.write(lane, 0.0, &mut rows);
+        }
+        self.waiting = 0;
+        self.began = begin;
+        let ended = (0..self.count)
+            .filter(|lane| rows.terminated[*lane] || rows.truncated[*lane])
+            .fold(0_u32, |bits, lane| bits | 1 << lane);
+        for lane in lanes_of(ended) {
+            self.ended.push((lane, Box::new(self.crew.end(lane))));
             match autoreset {
-                Autoreset::NextStep => self.waiting = true,
+                Autoreset::NextStep => self.waiting |= 1 << lane,
                 Autoreset::Disabled => {}
                 Autoreset::SameStep => {
-                    self.env.reset(None, &Overrides::new())?;
-                    self.began = true;
+                    let draft = self.crew.draw(lane, None, &none)?;
+                    self.crew.begin(lane, &draft)?;
+                    self.crew.write_observation(lane, &mut rows);
+                    self.began |= 1 << lane;
                 }
             }
         }
-        *row.reward = outcome.reward;
-        *row.terminated = outcome.terminated;
-        *row.truncated = outcome.truncated;
-        row.observation.copy_from_slice(self.env.observation());
         Ok(())
     }
 }
@@ -482,31 +554,4 @@ fn check_length(name: &'static str, expected: usize, got: usize) -> Result<(), S
         expected,
         got,
     })
-}
-
-/// Threads, made at the first call that needs them and again in a forked process, which inherits
-/// none.
-#[derive(Debug, Default)]
-pub(crate) struct Pool {
-    made: Option<(u32, rayon::ThreadPool)>,
-}
-
-impl Pool {
-    /// The threads, or none if the system gives none.
-    pub(crate) fn get(&mut self, threads: usize) -> Option<&rayon::ThreadPool> {
-        let process = std::process::id();
-        if self
-            .made
-            .as_ref()
-            .is_none_or(|(maker, _)| *maker != process)
-        {
-            if let Some((_, inherited)) = self.made.take() {
-                // joining threads that exist in the parent alone would hang
-                std::mem::forget(inherited);
-            }
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            self.made = pool.ok().map(|pool| (process, pool));
-        }
-        self.made.as_ref().map(|(_, pool)| pool)
-    }
 }

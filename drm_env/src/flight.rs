@@ -1,190 +1,888 @@
-//! One manoeuvre in flight: the plan made from its scenario, the state, and the sample loop of
-//! sensors, wheels and integration that laws and agents drive.
-
-use std::collections::VecDeque;
+//! Manoeuvres in flight, one a lane: state, and the sample loop of sensors, wheels and integration
+//! that laws and agents drive.
 
 use serde::{Deserialize, Serialize};
 
-use crate::actuator::{Wheel, WheelState};
-use crate::arm::PayloadProperties;
-use crate::body::{Body, Leg, Motion, Outputs, WheelDrive};
-use crate::control::{KnownInertia, Law, LawMemory, Measurement, WheelTorques};
+use crate::actuator::WheelState;
+use crate::body::{Body, Motion, Outputs};
+use crate::control::{KnownInertia, LawMemory, Measurement, WheelTorques};
 use crate::error::{ConfigError, SnapshotError};
+use crate::lane::{Laned, Number, laned};
+use crate::leg::{Instant, Leg, WheelDrive};
+use crate::lines::Lines;
 use crate::metrics::{Accumulator, Metrics, Sample};
+use crate::motor::CurrentGains;
+use crate::plan::steps_within;
 use crate::plant::energy::Energy;
 use crate::plant::{Extension, RigidInertia};
 use crate::rng::Stream;
-use crate::scenario::Scenario;
-use crate::timeline::{Reference, Timeline};
+use crate::timeline::{Piece, Reference, SAME_INSTANT};
+use crate::vector::{Vector, Work};
 
-/// What is fixed through one episode.
-#[derive(Debug, Clone)]
-pub struct Plan {
-    /// The manoeuvre.
-    pub scenario: Scenario,
-    /// The payload as it is.
-    pub payload: PayloadProperties,
-    /// The payload as reported.
-    pub reported: PayloadProperties,
-    /// Reference and extension.
-    pub timeline: Timeline,
-    /// End of the slew profile, s.
-    pub slew_end_time: f64,
-    body: Body,
-    reported_inertia: RigidInertia<f64>,
-    known: KnownInertia<f64>,
-    root: Wheel,
-    tip: Wheel,
-    root_delay: usize,
-    tip_delay: usize,
-    sensor_delay: usize,
-    noisy: bool,
+pub use crate::plan::Plan;
+
+/// What changes through an episode and is the same for every manoeuvre.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Common<T> {
+    /// Samples flown.
+    pub(crate) sample: T,
+    /// What is seen of the motion.
+    pub(crate) outputs: Outputs<T>,
+    pub(crate) root: WheelState<T>,
+    pub(crate) tip: WheelState<T>,
+    /// Slew angle and rate, link-2 tip deflection and its rate, as measured.
+    pub(crate) measured: [T; 4],
+    pub(crate) memory: LawMemory<T>,
+    pub(crate) metrics: Accumulator<T>,
+    /// Torques at the beginning of the last sample, N m: slew, root, tip.
+    pub(crate) torques: [T; 3],
 }
 
-impl Plan {
-    /// Plans a manoeuvre.
-    ///
-    /// # Errors
-    /// A scenario that cannot be flown.
-    pub fn new(scenario: &Scenario) -> Result<Self, ConfigError> {
-        scenario.validate()?;
-        let payload = scenario.true_payload()?;
-        let reported = scenario.reported()?;
-        let duration = scenario.deployment_time(&reported);
-        let (root, tip) = (scenario.root_wheel.wheel(), scenario.tip_wheel.wheel());
-        Ok(Self {
-            scenario: *scenario,
-            payload,
-            reported,
-            timeline: Timeline::new(
-                &scenario.slew.pieces(),
-                &scenario.deployment.pieces(duration),
-            ),
-            slew_end_time: scenario.slew.final_time(),
-            body: Body::new(scenario, &payload)?,
-            reported_inertia: RigidInertia::new(&scenario.arm, &reported),
-            known: KnownInertia::new(&scenario.arm, &reported),
-            root_delay: scenario.delay_samples("root_wheel.dead_time", root.dead_time)?,
-            tip_delay: scenario.delay_samples("tip_wheel.dead_time", tip.dead_time)?,
-            root,
-            tip,
-            sensor_delay: scenario.delay_samples("sensors.delay", scenario.sensors.delay)?,
-            noisy: scenario.sensors.noise().iter().any(|&std| std > 0.0),
-        })
-    }
+laned!(Common {
+    sample,
+    outputs,
+    root,
+    tip,
+    measured,
+    memory,
+    metrics,
+    torques,
+});
 
-    /// Sign of the slew: 1 or -1.
-    pub fn direction(&self) -> f64 {
-        1.0_f64.copysign(self.scenario.slew.angle)
-    }
-
-    /// Open-loop torque of the slew motor, N m: rigid inverse dynamics of the reported arm.
-    pub fn slew_torque(&self, time: f64) -> f64 {
-        let reference = self.timeline.reference(time);
-        self.reported_inertia.slew_torque(
-            &self.timeline.extension(time),
-            reference.rate,
-            reference.accel,
-        )
-    }
-}
-
-/// What changes through one episode.
+/// What changes through one episode, for a snapshot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FlightState {
-    sample: u64,
-    motion: Motion,
-    /// What is seen of the motion.
-    outputs: Outputs,
+    common: Common<f64>,
+    motion: Motion<f64>,
+    lines: Option<Box<Lines>>,
+}
+
+/// A wheel's constants.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct WheelLimits<T> {
+    /// Largest torque, N m.
+    pub(crate) torque: T,
+    momentum: T,
+    lag: T,
+}
+
+laned!(WheelLimits {
+    torque,
+    momentum,
+    lag
+});
+
+/// What is fixed through an episode, as the sample loop needs it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Fixed<T> {
+    inertia: RigidInertia<T>,
+    known: KnownInertia<T>,
+    pub(crate) root: WheelLimits<T>,
+    pub(crate) tip: WheelLimits<T>,
+    direction: T,
+    slew_end_time: T,
+    current: CurrentGains<T>,
+    /// Length of link 1, m.
+    pub(crate) link1_length: T,
+}
+
+laned!(Fixed {
+    inertia,
+    known,
+    root,
+    tip,
+    direction,
+    slew_end_time,
+    current,
+    link1_length,
+});
+
+impl Fixed<f64> {
+    fn new(plan: &Plan) -> Self {
+        let limits = |wheel: &crate::actuator::Wheel| WheelLimits {
+            torque: wheel.torque_limit,
+            momentum: wheel.momentum_limit,
+            lag: wheel.lag,
+        };
+        let arm = &plan.scenario.arm;
+        Self {
+            inertia: RigidInertia::new(arm, &plan.reported),
+            known: KnownInertia::new(arm, &plan.reported),
+            root: limits(&plan.root),
+            tip: limits(&plan.tip),
+            direction: plan.direction(),
+            slew_end_time: plan.slew_end_time,
+            current: plan.scenario.slew_motor.constants.gains(),
+            link1_length: arm.link1.length,
+        }
+    }
+}
+
+/// Where the manoeuvres are in their timelines. Derived from sample and plan.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Clock<T> {
+    piece: Piece<T>,
+    /// Where the next piece starts, s.
+    piece_end: T,
+    pub(crate) time: T,
+    pub(crate) reference: Reference<T>,
+    pub(crate) extension: Extension<T>,
+}
+
+laned!(Clock {
+    piece,
+    piece_end,
+    time,
+    reference,
+    extension,
+});
+
+impl Clock<f64> {
+    fn new(plan: &Plan, index: usize, time: f64) -> Self {
+        let piece = *plan.timeline.piece(index);
+        let u = (time - piece.start).max(0.0);
+        Self {
+            piece,
+            piece_end: plan.timeline.end(index),
+            time,
+            reference: piece.reference(u),
+            extension: piece.extension(u),
+        }
+    }
+}
+
+/// What only one lane has.
+#[derive(Debug, Clone)]
+struct Manoeuvre {
+    plan: Plan,
+    /// Piece of the timeline in force.
+    piece: usize,
+    /// Delay lines and noise where there are any.
+    lines: Option<Box<Lines>>,
+}
+
+/// What all lanes of a flight share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shared {
+    sample_period: f64,
+    integrator_step: f64,
+    steps: usize,
+    axial_load: bool,
+    particle_following: bool,
+}
+
+impl Shared {
+    fn new(plan: &Plan) -> Self {
+        let scenario = &plan.scenario;
+        Self {
+            sample_period: scenario.sample_period,
+            integrator_step: scenario.integrator_step,
+            steps: plan.steps_per_sample(),
+            axial_load: scenario.dynamics.axial_load,
+            particle_following: scenario.dynamics.particle_following,
+        }
+    }
+}
+
+/// Who flies: asked for commands before each sample and told of it afterwards.
+pub(crate) trait Pilot<T: Number> {
+    /// Wheel torques (N m, before saturation), and the torque of the slew motor where it is not the
+    /// open-loop one.
+    fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>);
+    /// After each sample: whether to fly on.
+    fn flown(&mut self, flight: &mut Flight<T>) -> bool;
+}
+
+/// `T::WIDTH` manoeuvres in flight, which share their sample period, steps and equations of motion.
+#[derive(Debug, Clone)]
+pub struct Flight<T: Number = f64> {
+    manoeuvres: Vec<Manoeuvre>,
+    shared: Shared,
+    fixed: Fixed<T>,
+    body: Body<T>,
+    clock: Clock<T>,
+    pub(crate) common: Common<T>,
+    motion: Motion<T>,
+    /// Lanes that stay as they are, a bit each.
+    resting: u32,
+    /// Whether commands and outputs pass as they are in every lane.
+    plain: bool,
+    /// Whether every wheel is ideal.
+    ideal: bool,
+}
+
+impl<T: Number> Flight<T> {
+    /// The same manoeuvre in every lane.
+    pub(crate) fn spread(single: &Flight<f64>) -> Self {
+        let mut flight = Self {
+            manoeuvres: vec![single.manoeuvres[0].clone(); T::WIDTH],
+            shared: single.shared,
+            fixed: Fixed::spread(&single.fixed),
+            body: Body::spread(&single.body),
+            clock: Clock::spread(&single.clock),
+            common: Common::spread(&single.common),
+            motion: Motion::spread(&single.motion),
+            resting: 0,
+            plain: true,
+            ideal: true,
+        };
+        flight.take_stock();
+        flight
+    }
+
+    /// Whether a manoeuvre can fly beside the others.
+    pub(crate) fn accepts(&self, single: &Flight<f64>) -> bool {
+        self.shared == single.shared && self.body.accepts(&single.body)
+    }
+
+    /// Replaces the manoeuvre of one lane by one that [`Flight::accepts`].
+    pub(crate) fn put(&mut self, lane: usize, single: &Flight<f64>) {
+        self.manoeuvres[lane].clone_from(&single.manoeuvres[0]);
+        self.fixed.put_lane(lane, &single.fixed);
+        self.body.put(lane, &single.body);
+        self.clock.put_lane(lane, &single.clock);
+        self.common.put_lane(lane, &single.common);
+        self.motion.put(lane, &single.motion);
+        self.take_stock();
+    }
+
+    /// The manoeuvre of one lane.
+    pub(crate) fn one(&self, lane: usize) -> Flight<f64> {
+        let manoeuvre = self.manoeuvres[lane].clone();
+        Flight {
+            shared: self.shared,
+            fixed: self.fixed.lane_of(lane),
+            body: self.body.one(lane),
+            clock: self.clock.lane_of(lane),
+            common: self.common.lane_of(lane),
+            motion: self.motion.one(lane),
+            resting: 0,
+            plain: manoeuvre.lines.is_none(),
+            ideal: manoeuvre.plan.has_ideal_wheels(),
+            manoeuvres: vec![manoeuvre],
+        }
+    }
+
+    fn take_stock(&mut self) {
+        let all = |test: fn(&Manoeuvre) -> bool| self.manoeuvres.iter().all(test);
+        let (plain, ideal) = (
+            all(|m| m.lines.is_none()),
+            all(|m| m.plan.has_ideal_wheels()),
+        );
+        (self.plain, self.ideal) = (plain, ideal);
+    }
+
+    /// Lanes that do not fly until told otherwise, a bit each.
+    pub(crate) fn rest(&mut self, lanes: u32) {
+        self.resting = lanes;
+    }
+
+    /// Lanes that do not fly.
+    pub(crate) fn resting(&self) -> u32 {
+        self.resting
+    }
+
+    /// Plan of one lane.
+    pub(crate) fn plan_of(&self, lane: usize) -> &Plan {
+        &self.manoeuvres[lane].plan
+    }
+
+    /// Piece of the timeline in force in one lane.
+    pub(crate) fn piece_of(&self, lane: usize) -> usize {
+        self.manoeuvres[lane].piece
+    }
+
+    pub(crate) fn fixed(&self) -> &Fixed<T> {
+        &self.fixed
+    }
+
+    pub(crate) fn clock(&self) -> &Clock<T> {
+        &self.clock
+    }
+
+    pub(crate) fn sample_period(&self) -> f64 {
+        self.shared.sample_period
+    }
+
+    /// End of the slew profile, s.
+    pub(crate) fn slew_end_time(&self) -> T {
+        self.fixed.slew_end_time
+    }
+
+    /// Slew angle minus its reference, rad.
+    #[inline(always)]
+    pub(crate) fn slew_error(&self) -> T {
+        self.common.outputs.slew[0] - self.clock.reference.angle
+    }
+
+    /// Distance of the tip from the shoulder, m.
+    #[inline(always)]
+    pub(crate) fn reach(&self) -> T {
+        self.fixed.link1_length + self.clock.extension.length
+    }
+
+    /// What a law is told now.
+    #[inline(always)]
+    pub fn measurement(&self) -> Measurement<T> {
+        let [angle, rate, deflection, deflection_rate] = self.common.measured;
+        Measurement {
+            slew_error: angle - self.clock.reference.angle,
+            slew_error_rate: rate - self.clock.reference.rate,
+            link2_deflection: deflection,
+            link2_deflection_rate: deflection_rate,
+            extension: self.clock.extension.length,
+        }
+    }
+
+    /// Torques that a law asks for now, N m, before saturation.
+    #[inline(always)]
+    pub fn law_torques(&mut self, law: &crate::control::Law) -> WheelTorques<T> {
+        let measurement = self.measurement();
+        law.torques(
+            &measurement,
+            &self.fixed.known,
+            &mut self.common.memory,
+            self.shared.sample_period,
+        )
+    }
+
+    /// Flies up to so many samples.
+    #[inline(always)]
+    pub(crate) fn fly<P: Pilot<T>>(&mut self, samples: usize, pilot: &mut P)
+    where
+        T: Vector,
+    {
+        let mut carried = None;
+        for _ in 0..samples {
+            let resting = self.resting;
+            let before = (resting != 0).then(|| (self.common, self.motion.clone(), self.clock));
+            let (command, slew) = pilot.command(self);
+            self.sample(&command, slew, &mut carried);
+            if let Some((common, motion, clock)) = before {
+                for lane in lanes_of(resting) {
+                    self.common.put_lane(lane, &common.lane_of(lane));
+                    self.motion.put(lane, &motion.one(lane));
+                    self.clock.put_lane(lane, &clock.lane_of(lane));
+                }
+                carried = None;
+            }
+            if !pilot.flown(self) {
+                break;
+            }
+        }
+    }
+
+    /// Flies one sample period under held wheel commands; `slew` replaces the open-loop torque of
+    /// the slew motor. `carried` is what the last sample of the same call has left to the next.
+    #[inline(always)]
+    fn sample(
+        &mut self,
+        command: &WheelTorques<T>,
+        slew: Option<T>,
+        carried: &mut Option<Instant<T>>,
+    ) where
+        T: Vector,
+    {
+        let (root, tip) = (self.fixed.root.torque, self.fixed.tip.torque);
+        let mut command = WheelTorques {
+            root: command.root.limited(-root, root),
+            tip: command.tip.limited(-tip, tip),
+        };
+        if !self.plain {
+            self.send(&mut command);
+        }
+        let one = T::splat(1.0);
+        let saturated = one - (command.root.abs().below(root)) * (command.tip.abs().below(tip));
+
+        let (now_rate, now_accel) = (self.clock.reference.rate, self.clock.reference.accel);
+        self.integrate(&command, slew, carried);
+        let [slew_torque, root_torque, tip_torque] = self.common.torques;
+        let power = self.fixed.current.power(slew_torque, now_rate, now_accel);
+
+        self.common.sample += one;
+        self.tick();
+        self.common.outputs = self.body.outputs(&self.motion, &self.clock.extension);
+        if self.plain {
+            self.common.measured = self.common.outputs.measurable();
+        } else {
+            self.sense();
+        }
+
+        let (of_root, of_tip) = (root_torque / root, tip_torque / tip);
+        let sample = Sample {
+            slew_angle: self.common.outputs.slew[0],
+            slew_error: self.slew_error(),
+            reach: self.reach(),
+            deflection: self.common.outputs.tip[0],
+            after_slew: one - self.clock.time.below(self.fixed.slew_end_time),
+            effort: of_root.mul_add(of_root, of_tip * of_tip),
+            saturated,
+            power,
+        };
+        let lost = self.common.outputs.not_finite().bits();
+        let kept = (lost != 0).then_some(self.common.metrics);
+        self.common.metrics.take(&sample, self.fixed.direction);
+        if let Some(kept) = kept {
+            for lane in lanes_of(lost) {
+                self.common.metrics.put_lane(lane, &kept.lane_of(lane));
+            }
+        }
+    }
+
+    /// Integrates over one sample period. Lanes in which reference or extension switch within it fly
+    /// alone, cut there.
+    #[inline(always)]
+    fn integrate(
+        &mut self,
+        command: &WheelTorques<T>,
+        slew: Option<T>,
+        carried: &mut Option<Instant<T>>,
+    ) where
+        T: Vector,
+    {
+        let end = (self.common.sample + 1.0) * self.shared.sample_period;
+        let alone = self.clock.piece_end.below(end).bits() & !self.resting;
+        let mut cut: [Option<Cut>; MOST_LANES] = [const { None }; MOST_LANES];
+        for lane in lanes_of(alone) {
+            cut[lane] = Some(self.fly_alone(
+                lane,
+                &WheelTorques {
+                    root: command.root.lane(lane),
+                    tip: command.tip.lane(lane),
+                },
+                slew.map(|torque| torque.lane(lane)),
+            ));
+        }
+        let everyone = u32::MAX >> (32 - T::WIDTH);
+        if alone != everyone {
+            let start = self.clock.time;
+            let h = (end - start) / T::splat(self.shared.steps as f64);
+            let piece = &self.clock.piece;
+            let zero = T::splat(0.0);
+            let span = Span {
+                from: (start - piece.start).max(zero),
+                until: (end - piece.start).max(zero),
+                h,
+                steps: self.shared.steps,
+            };
+            let (root, tip) = (&mut self.common.root, &mut self.common.tip);
+            self.common.torques = match (&self.body, &mut self.motion) {
+                (Body::Thesis(constants), Motion::Thesis(motion)) => {
+                    let leg = Leg {
+                        constants,
+                        inertia: &self.fixed.inertia,
+                        piece,
+                        slew,
+                        root: self.fixed.root.drive(command.root, h, self.ideal),
+                        tip: self.fixed.tip.drive(command.tip, h, self.ideal),
+                        from: span.from,
+                        until: span.until,
+                        h,
+                        steps: span.steps,
+                    };
+                    let torques = if self.ideal
+                        && self.shared.axial_load
+                        && !self.shared.particle_following
+                    {
+                        leg.fly::<true, false, true>(motion, root, tip, carried)
+                    } else {
+                        T::enter(General {
+                            leg: &leg,
+                            switches: (self.shared.axial_load, self.shared.particle_following),
+                            motion,
+                            root,
+                            tip,
+                            carried,
+                        })
+                    };
+                    [torques.slew, torques.root, torques.tip]
+                }
+                (body, motion) => {
+                    let drives = (
+                        self.fixed.root.drive(command.root, h, false),
+                        self.fixed.tip.drive(command.tip, h, false),
+                    );
+                    body.fly_implicitly(
+                        &self.fixed.inertia,
+                        piece,
+                        slew,
+                        drives,
+                        &span,
+                        motion,
+                        (root, tip),
+                    )
+                }
+            };
+        }
+        if alone != 0 {
+            *carried = None;
+            for lane in lanes_of(alone) {
+                if let Some(cut) = cut[lane].take() {
+                    self.motion.put(lane, &cut.motion);
+                    self.common.root.put_lane(lane, &cut.root);
+                    self.common.tip.put_lane(lane, &cut.tip);
+                    self.common.torques.put_lane(lane, &cut.torques);
+                }
+            }
+        }
+    }
+
+    /// One lane over one sample period, cut where reference or extension switch.
+    #[inline(never)]
+    fn fly_alone(&self, lane: usize, command: &WheelTorques<f64>, slew: Option<f64>) -> Cut {
+        let manoeuvre = &self.manoeuvres[lane];
+        let timeline = &manoeuvre.plan.timeline;
+        let sample = self.common.sample.lane(lane);
+        let fixed = self.fixed.lane_of(lane);
+        let body = self.body.one(lane);
+        let mut result = Cut {
+            motion: self.motion.one(lane),
+            root: self.common.root.lane_of(lane),
+            tip: self.common.tip.lane_of(lane),
+            torques: [0.0; 3],
+        };
+        let end = (sample + 1.0) * self.shared.sample_period;
+        let mut time = self.clock.time.lane(lane);
+        let mut index = manoeuvre.piece;
+        let mut first = None;
+        while time < end {
+            let piece = timeline.piece(index);
+            let until = end.min(timeline.end(index));
+            let steps = steps_within(until - time, self.shared.integrator_step);
+            let h = (until - time) / steps as f64;
+            let span = Span {
+                from: (time - piece.start).max(0.0),
+                until: (until - piece.start).max(0.0),
+                h,
+                steps,
+            };
+            let (root, tip) = (&mut result.root, &mut result.tip);
+            let torques = match (&body, &mut result.motion) {
+                (Body::Thesis(constants), Motion::Thesis(motion)) => {
+                    let leg = Leg {
+                        constants,
+                        inertia: &fixed.inertia,
+                        piece,
+                        slew,
+                        root: fixed.root.drive(command.root, h, false),
+                        tip: fixed.tip.drive(command.tip, h, false),
+                        from: span.from,
+                        until: span.until,
+                        h,
+                        steps,
+                    };
+                    let torques = f64::enter(General {
+                        leg: &leg,
+                        switches: (self.shared.axial_load, self.shared.particle_following),
+                        motion,
+                        root,
+                        tip,
+                        carried: &mut None,
+                    });
+                    [torques.slew, torques.root, torques.tip]
+                }
+                (body, motion) => {
+                    let drives = (
+                        fixed.root.drive(command.root, h, false),
+                        fixed.tip.drive(command.tip, h, false),
+                    );
+                    body.fly_implicitly(
+                        &fixed.inertia,
+                        piece,
+                        slew,
+                        drives,
+                        &span,
+                        motion,
+                        (root, tip),
+                    )
+                }
+            };
+            first.get_or_insert(torques);
+            time = until;
+            index += 1;
+        }
+        result.torques = first.unwrap_or([0.0; 3]);
+        result
+    }
+
+    /// Moves clock and pieces on to the present sample.
+    #[inline(always)]
+    fn tick(&mut self) {
+        let time = self.common.sample * self.shared.sample_period;
+        let reached = T::splat(1.0) - (time + SAME_INSTANT).below(self.clock.piece_end);
+        let switched = reached.bits() & !self.resting;
+        for lane in lanes_of(switched) {
+            let Manoeuvre { plan, piece, .. } = &mut self.manoeuvres[lane];
+            *piece = plan.timeline.index_from(*piece, time.lane(lane));
+            let clock = Clock::new(plan, *piece, time.lane(lane));
+            self.clock.put_lane(lane, &clock);
+        }
+        let piece = &self.clock.piece;
+        let u = (time - piece.start).max(T::splat(0.0));
+        self.clock.time = time;
+        self.clock.reference = piece.reference(u);
+        self.clock.extension = piece.extension(u);
+    }
+
+    /// Passes commands through the dead time of each lane that has one.
+    #[inline(never)]
+    fn send(&mut self, command: &mut WheelTorques<T>) {
+        for (lane, manoeuvre) in self.manoeuvres.iter_mut().enumerate() {
+            if let Some(lines) = &mut manoeuvre.lines
+                && self.resting >> lane & 1 == 0
+            {
+                let arriving = lines.command(WheelTorques {
+                    root: command.root.lane(lane),
+                    tip: command.tip.lane(lane),
+                });
+                command.root.set_lane(lane, arriving.root);
+                command.tip.set_lane(lane, arriving.tip);
+            }
+        }
+    }
+
+    /// Reads the sensors of each lane at the present instant.
+    #[inline(never)]
+    fn sense(&mut self) {
+        let truth = self.common.outputs.measurable();
+        let mut measured = truth;
+        for (lane, manoeuvre) in self.manoeuvres.iter_mut().enumerate() {
+            if let Some(lines) = &mut manoeuvre.lines
+                && self.resting >> lane & 1 == 0
+            {
+                let sensors = &manoeuvre.plan.scenario.sensors;
+                measured.put_lane(lane, &lines.sense(truth.lane_of(lane), sensors));
+            }
+        }
+        self.common.measured = measured;
+    }
+}
+
+/// Most lanes that a flight may have.
+const MOST_LANES: usize = 16;
+
+/// Indices of the bits that are set.
+#[inline(always)]
+pub(crate) fn lanes_of(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (bits != 0).then(|| {
+            let lane = bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            lane
+        })
+    })
+}
+
+/// Part of a sample that is integrated in equal steps within one piece of the timeline, in time since
+/// the piece's start, s.
+pub(crate) struct Span<T> {
+    pub(crate) from: T,
+    pub(crate) until: T,
+    pub(crate) h: T,
+    pub(crate) steps: usize,
+}
+
+/// A lane after a sample that it has flown alone.
+struct Cut {
+    motion: Motion<f64>,
     root: WheelState<f64>,
     tip: WheelState<f64>,
-    /// Commands on their way to the wheels, oldest first.
-    root_line: VecDeque<f64>,
-    tip_line: VecDeque<f64>,
-    /// Outputs on their way to the reader, oldest first.
-    sensor_line: VecDeque<[f64; 4]>,
-    noise: Stream,
-    measured: [f64; 4],
-    memory: LawMemory<f64>,
-    metrics: Accumulator,
-    /// Torques at the beginning of the last sample, N m: slew, root, tip.
     torques: [f64; 3],
 }
 
-/// One manoeuvre in flight.
-#[derive(Debug, Clone)]
-pub struct Flight {
-    plan: Plan,
-    state: FlightState,
+impl<T: Number> WheelLimits<T> {
+    /// The wheel over steps of length `h`; an ideal one needs no more than its command.
+    #[inline(always)]
+    fn drive(&self, command: T, h: T, ideal: bool) -> WheelDrive<T> {
+        let (mut memory, mut decay) = (T::splat(0.0), T::splat(0.0));
+        if !ideal {
+            for lane in 0..T::WIDTH {
+                let lag = self.lag.lane(lane);
+                if lag > 0.0 {
+                    memory.set_lane(lane, 1.0);
+                    decay.set_lane(lane, libm::exp(-0.5 * h.lane(lane) / lag));
+                }
+            }
+        }
+        WheelDrive {
+            command,
+            memory,
+            decay,
+            momentum_limit: self.momentum,
+        }
+    }
 }
 
-impl Flight {
+/// A leg of the thesis plant with any switches and wheels.
+struct General<'a, 'b, T: Number> {
+    leg: &'a Leg<'b, T>,
+    /// Axial load and particle following.
+    switches: (bool, bool),
+    motion: &'a mut [T; 6],
+    root: &'a mut WheelState<T>,
+    tip: &'a mut WheelState<T>,
+    carried: &'a mut Option<Instant<T>>,
+}
+
+impl<T: Number> Work for General<'_, '_, T> {
+    type Output = crate::plant::Torques<T>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self {
+            leg,
+            switches,
+            motion,
+            root,
+            tip,
+            carried,
+        } = self;
+        match switches {
+            (true, false) => leg.fly::<true, false, false>(motion, root, tip, carried),
+            (false, false) => leg.fly::<false, false, false>(motion, root, tip, carried),
+            (true, true) => leg.fly::<true, true, false>(motion, root, tip, carried),
+            (false, true) => leg.fly::<false, true, false>(motion, root, tip, carried),
+        }
+    }
+}
+
+/// One sample under given commands.
+struct Held<T> {
+    command: WheelTorques<T>,
+    slew: Option<T>,
+}
+
+impl<T: Number> Pilot<T> for Held<T> {
+    #[inline(always)]
+    fn command(&mut self, _flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
+        (self.command, self.slew)
+    }
+
+    #[inline(always)]
+    fn flown(&mut self, _flight: &mut Flight<T>) -> bool {
+        true
+    }
+}
+
+/// [`Flight::fly`] where the instructions are chosen.
+pub(crate) struct Fly<'a, T: Number, P> {
+    pub(crate) flight: &'a mut Flight<T>,
+    pub(crate) samples: usize,
+    pub(crate) pilot: &'a mut P,
+}
+
+impl<T: Vector, P: Pilot<T>> Work for Fly<'_, T, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.flight.fly(self.samples, self.pilot);
+    }
+}
+
+impl Flight<f64> {
     /// At t = 0; `noise` feeds the sensors.
-    pub fn new(plan: Plan, noise: Stream) -> Self {
-        let motion = plan.body.start(&plan.scenario);
-        let outputs = plan.body.outputs(&motion, &plan.timeline.extension(0.0));
-        let output = measurable(&outputs);
+    ///
+    /// # Errors
+    /// Parameters that no arm has.
+    pub fn new(plan: Plan, noise: Stream) -> Result<Self, ConfigError> {
+        let body = Body::new(&plan.scenario, &plan.payload)?;
+        let motion = body.start(&plan.scenario);
+        let clock = Clock::new(&plan, plan.timeline.index(0.0), 0.0);
+        let outputs = body.outputs(&motion, &clock.extension);
+        let output = outputs.measurable();
+        let lines = (!plan.is_plain()).then(|| Box::new(Lines::new(plan.delays, output, noise)));
         let mut flight = Self {
-            state: FlightState {
-                sample: 0,
-                motion,
+            shared: Shared::new(&plan),
+            fixed: Fixed::new(&plan),
+            body,
+            clock,
+            common: Common {
+                sample: 0.0,
                 outputs,
                 root: WheelState::rest(),
                 tip: WheelState::rest(),
-                root_line: VecDeque::from(vec![0.0; plan.root_delay]),
-                tip_line: VecDeque::from(vec![0.0; plan.tip_delay]),
-                sensor_line: VecDeque::from(vec![output; plan.sensor_delay]),
-                noise,
                 measured: output,
                 memory: LawMemory::fresh(),
                 metrics: Accumulator::new(plan.direction() * outputs.slew[0], outputs.tip[0]),
                 torques: [0.0; 3],
             },
-            plan,
+            motion,
+            resting: 0,
+            plain: true,
+            ideal: true,
+            manoeuvres: vec![Manoeuvre {
+                piece: plan.timeline.index(0.0),
+                plan,
+                lines,
+            }],
         };
-        flight.sense();
-        flight
+        flight.take_stock();
+        if !flight.plain {
+            flight.sense();
+        }
+        Ok(flight)
     }
 
     /// The plan.
     pub fn plan(&self) -> &Plan {
-        &self.plan
+        &self.manoeuvres[0].plan
     }
 
     /// The state, for a snapshot.
-    pub fn state(&self) -> &FlightState {
-        &self.state
+    pub fn state(&self) -> FlightState {
+        FlightState {
+            common: self.common,
+            motion: self.motion.clone(),
+            lines: self.manoeuvres[0].lines.clone(),
+        }
     }
 
     /// Replaces the state by one taken from a flight of the same plan.
     ///
     /// # Errors
-    /// A state of another plant; nothing has changed then.
+    /// A state of another plant, or with other delays; nothing has changed then.
     pub fn set_state(&mut self, state: FlightState) -> Result<(), SnapshotError> {
-        if !self.plan.body.owns(&state.motion) {
-            return Err(SnapshotError::Damaged(
-                "it holds the state of another plant".into(),
-            ));
+        let damaged = |what: &str| Err(SnapshotError::Damaged(what.into()));
+        if !self.body.owns(&state.motion) {
+            return damaged("it holds the state of another plant");
         }
-        self.state = state;
+        let fits = match (&state.lines, self.plain) {
+            (None, plain) => plain,
+            (Some(lines), plain) => !plain && lines.fit(self.plan().delays),
+        };
+        if !fits {
+            return damaged("it holds delay lines of another length");
+        }
+        let sample = state.common.sample;
+        if !(0.0..=9.0e15).contains(&sample) || sample.fract() != 0.0 {
+            return damaged("its sample is not a whole number");
+        }
+        let time = sample * self.shared.sample_period;
+        let piece = self.plan().timeline.index(time);
+        self.clock = Clock::new(self.plan(), piece, time);
+        self.manoeuvres[0].piece = piece;
+        self.manoeuvres[0].lines = state.lines;
+        self.common = state.common;
+        self.motion = state.motion;
         Ok(())
     }
 
     /// Samples flown.
-    pub fn sample(&self) -> u64 {
-        self.state.sample
+    pub fn sample_count(&self) -> u64 {
+        self.common.sample as u64
     }
 
     /// Time, s.
     pub fn time(&self) -> f64 {
-        self.state.sample as f64 * self.plan.scenario.sample_period
+        self.clock.time
     }
 
     /// Slew angle (rad) and half the deflections of the links' ends (m): theta, alpha, beta.
     pub fn position(&self) -> [f64; 3] {
         let Outputs {
             slew, alpha, beta, ..
-        } = self.state.outputs;
+        } = self.common.outputs;
         [slew[0], alpha[0], beta[0]]
     }
 
@@ -192,227 +890,77 @@ impl Flight {
     pub fn velocity(&self) -> [f64; 3] {
         let Outputs {
             slew, alpha, beta, ..
-        } = self.state.outputs;
+        } = self.common.outputs;
         [slew[1], alpha[1], beta[1]]
     }
 
     /// Measured slew angle (rad), slew rate (rad/s), link-2 tip deflection (m) and its rate (m/s).
     pub fn measured(&self) -> [f64; 4] {
-        self.state.measured
+        self.common.measured
     }
 
     /// Slew reference now.
     pub fn reference(&self) -> Reference<f64> {
-        self.plan.timeline.reference(self.time())
+        self.clock.reference
     }
 
     /// Extension now.
     pub fn extension(&self) -> Extension<f64> {
-        self.plan.timeline.extension(self.time())
+        self.clock.extension
     }
 
     /// Deflection of the arm's tip from the rotating axis, m, and its rate, m/s; in the thesis plant
     /// 2 (alpha + beta).
     pub fn tip_deflection(&self) -> (f64, f64) {
-        self.state.outputs.tip.into()
+        self.common.outputs.tip.into()
     }
 
     /// Torques at the beginning of the last sample, N m: slew motor, root wheel, tip wheel.
     pub fn last_torques(&self) -> [f64; 3] {
-        self.state.torques
+        self.common.torques
     }
 
     /// Stored momentum of root and tip wheel, N m s.
     pub fn wheel_momentum(&self) -> [f64; 2] {
-        [self.state.root.momentum, self.state.tip.momentum]
+        [self.common.root.momentum, self.common.tip.momentum]
     }
 
     /// Whether every coordinate and rate is finite.
     pub fn is_finite(&self) -> bool {
-        self.state.outputs.is_finite()
+        self.common.outputs.not_finite() == 0.0
     }
 
     /// Kinetic and potential energy now, J.
     pub fn energy(&self) -> Energy {
-        let (scenario, payload) = (&self.plan.scenario, &self.plan.payload);
-        self.plan
-            .body
-            .energy(&self.state.motion, &self.extension(), scenario, payload)
+        let plan = self.plan();
+        let (scenario, payload) = (&plan.scenario, &plan.payload);
+        self.body
+            .energy(&self.motion, &self.clock.extension, scenario, payload)
     }
 
     /// Metrics of the flight so far.
     pub fn metrics(&self, diverged: bool, episode_return: f64) -> Metrics {
-        let scenario = &self.plan.scenario;
-        self.state.metrics.metrics(
-            scenario.sample_period,
-            self.plan.slew_end_time,
-            scenario.slew.angle.abs(),
+        let plan = self.plan();
+        self.common.metrics.metrics(
+            self.shared.sample_period,
+            plan.slew_end_time,
+            plan.scenario.slew.angle.abs(),
             self.energy().total(),
             diverged,
             episode_return,
         )
     }
 
-    /// What a law is told now.
-    pub fn measurement(&self) -> Measurement<f64> {
-        let reference = self.reference();
-        let [angle, rate, deflection, deflection_rate] = self.state.measured;
-        Measurement {
-            slew_error: angle - reference.angle,
-            slew_error_rate: rate - reference.rate,
-            link2_deflection: deflection,
-            link2_deflection_rate: deflection_rate,
-            extension: self.extension().length,
-        }
-    }
-
-    /// Torques that a law asks for now, N m, before saturation.
-    pub fn law_torques(&mut self, law: &Law) -> WheelTorques<f64> {
-        let measurement = self.measurement();
-        law.torques(
-            &measurement,
-            &self.plan.known,
-            &mut self.state.memory,
-            self.plan.scenario.sample_period,
-        )
-    }
-
     /// Flies one sample period under held wheel commands (N m, before saturation); `slew` replaces
     /// the open-loop torque of the slew motor (N m).
     pub fn advance(&mut self, command: &WheelTorques<f64>, slew: Option<f64>) {
-        let scenario = &self.plan.scenario;
-        let (root, tip) = (self.plan.root, self.plan.tip);
-        let mut limited =
-            |line: fn(&mut FlightState) -> &mut VecDeque<f64>, command: f64, wheel: &Wheel| {
-                let line = line(&mut self.state);
-                line.push_back(command.clamp(-wheel.torque_limit, wheel.torque_limit));
-                line.pop_front().unwrap_or(0.0)
-            };
-        let command = WheelTorques {
-            root: limited(|s| &mut s.root_line, command.root, &root),
-            tip: limited(|s| &mut s.tip_line, command.tip, &tip),
-        };
-        let saturated =
-            command.root.abs() >= root.torque_limit || command.tip.abs() >= tip.torque_limit;
-        let power = {
-            let reference = self.reference();
-            let torque = slew.unwrap_or_else(|| self.plan.slew_torque(self.time()));
-            scenario
-                .slew_motor
-                .constants
-                .power(torque, reference.rate, reference.accel)
-        };
-
-        self.integrate_sample(&command, slew);
-        self.state.sample += 1;
-        self.state.outputs = self
-            .plan
-            .body
-            .outputs(&self.state.motion, &self.extension());
-        self.sense();
-
-        let [_, root_torque, tip_torque] = self.state.torques;
-        let (of_root, of_tip) = (
-            root_torque / root.torque_limit,
-            tip_torque / tip.torque_limit,
-        );
-        if self.is_finite() {
-            let sample = Sample {
-                slew_angle: self.position()[0],
-                slew_error: self.position()[0] - self.reference().angle,
-                reach: self.plan.scenario.arm.link1.length + self.extension().length,
-                deflection: self.tip_deflection().0,
-                after_slew: self.time() >= self.plan.slew_end_time,
-                effort: of_root * of_root + of_tip * of_tip,
-                saturated,
-                power,
-            };
-            self.state.metrics.take(&sample, self.plan.direction());
-        }
-    }
-
-    /// Integrates over one sample period, cut where reference or extension switch.
-    fn integrate_sample(&mut self, command: &WheelTorques<f64>, slew: Option<f64>) {
-        let scenario = &self.plan.scenario;
-        let start = self.time();
-        let end = (self.state.sample + 1) as f64 * scenario.sample_period;
-        let mut index = self.plan.timeline.index(start);
-        let mut time = start;
-        let mut first = None;
-        while time < end {
-            let piece = self.plan.timeline.piece(index);
-            let until = end.min(self.plan.timeline.end(index));
-            let span = until - time;
-            // a remainder below a millionth of a step is rounding
-            let steps = (span / scenario.integrator_step - 1e-6).ceil().max(1.0);
-            let h = span / steps;
-            let decay = |wheel: &Wheel| {
-                if wheel.lag > 0.0 {
-                    (1.0, libm::exp(-0.5 * h / wheel.lag))
-                } else {
-                    (0.0, 0.0)
-                }
-            };
-            let drive = |wheel: &Wheel, command: f64| {
-                let (memory, decay) = decay(wheel);
-                WheelDrive {
-                    command,
-                    memory,
-                    decay,
-                    momentum_limit: wheel.momentum_limit,
-                }
-            };
-            let leg = Leg {
-                inertia: &self.plan.reported_inertia,
-                piece,
+        f64::enter(Fly {
+            flight: self,
+            samples: 1,
+            pilot: &mut Held {
+                command: *command,
                 slew,
-                root: drive(&self.plan.root, command.root),
-                tip: drive(&self.plan.tip, command.tip),
-                from: (time - piece.start).max(0.0),
-                h,
-                steps: steps as usize,
-            };
-            let dynamics = &scenario.dynamics;
-            let switches = (dynamics.axial_load, dynamics.particle_following);
-            let state = &mut self.state;
-            let torques = self.plan.body.fly(
-                &leg,
-                switches,
-                &mut state.motion,
-                &mut state.root,
-                &mut state.tip,
-            );
-            first.get_or_insert(torques);
-            time = until;
-            index += 1;
-        }
-        if let Some(torques) = first {
-            self.state.torques = [torques.slew, torques.root, torques.tip];
-        }
+            },
+        });
     }
-
-    /// Reads the sensors at the present instant.
-    fn sense(&mut self) {
-        let truth = measurable(&self.state.outputs);
-        self.state.sensor_line.push_back(truth);
-        let mut measured = self.state.sensor_line.pop_front().unwrap_or(truth);
-        let sensors = &self.plan.scenario.sensors;
-        if self.plan.noisy {
-            for (value, std) in measured.iter_mut().zip(sensors.noise()) {
-                *value += std * self.state.noise.normal();
-            }
-        }
-        for (value, quantum) in measured.iter_mut().zip(sensors.resolution()) {
-            if quantum > 0.0 {
-                *value = quantum * libm::round(*value / quantum);
-            }
-        }
-        self.state.measured = measured;
-    }
-}
-
-/// Slew angle and rate, link-2 tip deflection 2 beta and its rate.
-fn measurable(outputs: &Outputs) -> [f64; 4] {
-    let Outputs { slew, beta, .. } = outputs;
-    [slew[0], slew[1], 2.0 * beta[0], 2.0 * beta[1]]
 }

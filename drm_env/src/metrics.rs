@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::lane::{Lane, laned};
+
 /// Tip deflection within which the arm counts as settled, m.
 pub const SETTLED_DEFLECTION: f64 = 1e-3;
 /// Slew error at the tip within which the arm counts as settled, m.
@@ -94,78 +96,111 @@ impl Metrics {
     }
 }
 
-/// One sample as the accumulator takes it.
+/// One sample as the accumulator takes it; flags are 0 or 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct Sample<T> {
     /// Slew angle, rad.
-    pub slew_angle: f64,
+    pub slew_angle: T,
     /// Slew angle minus reference, rad.
-    pub slew_error: f64,
+    pub slew_error: T,
     /// Reach r = L1 + a, m.
-    pub reach: f64,
+    pub reach: T,
     /// Tip deflection y, m.
-    pub deflection: f64,
+    pub deflection: T,
     /// Whether the slew profile has ended.
-    pub after_slew: bool,
+    pub after_slew: T,
     /// Squared torque fractions of both wheels over the sample before.
-    pub effort: f64,
+    pub effort: T,
     /// Whether a wheel was at its limit over the sample before.
-    pub saturated: bool,
+    pub saturated: T,
     /// Electrical power of the slew motor, W.
-    pub power: f64,
+    pub power: T,
 }
 
-/// Running sums from which [`Metrics`] are made; its samples are one sample period apart.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Accumulator {
-    samples: u64,
-    squared_tip_error: f64,
-    peak_deflection: f64,
-    peak_slew_angle: f64,
-    residual_samples: u64,
-    squared_residual: f64,
-    residual_peak: f64,
+/// Running sums from which [`Metrics`] are made; its samples are one sample period apart. Counts are
+/// whole numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Accumulator<T> {
+    samples: T,
+    squared_tip_error: T,
+    peak_deflection: T,
+    peak_slew_angle: T,
+    residual_samples: T,
+    squared_residual: T,
+    residual_peak: T,
     /// Samples after the slew up to and including the last unsettled one.
-    unsettled_until: u64,
-    effort: f64,
-    saturated: u64,
-    power: f64,
-    last_slew_error: f64,
+    unsettled_until: T,
+    effort: T,
+    saturated: T,
+    power: T,
+    last_slew_error: T,
 }
 
-impl Accumulator {
+laned!(Accumulator {
+    samples,
+    squared_tip_error,
+    peak_deflection,
+    peak_slew_angle,
+    residual_samples,
+    squared_residual,
+    residual_peak,
+    unsettled_until,
+    effort,
+    saturated,
+    power,
+    last_slew_error,
+});
+
+impl<T: Lane> Accumulator<T> {
     /// Before the first sample; `slew_angle` is the angle at t = 0 in the direction of the slew.
-    pub fn new(slew_angle: f64, deflection: f64) -> Self {
+    pub fn new(slew_angle: T, deflection: T) -> Self {
+        let zero = T::splat(0.0);
         Self {
-            peak_slew_angle: slew_angle,
+            samples: zero,
+            squared_tip_error: zero,
             peak_deflection: deflection.abs(),
-            ..Self::default()
+            peak_slew_angle: slew_angle,
+            residual_samples: zero,
+            squared_residual: zero,
+            residual_peak: zero,
+            unsettled_until: zero,
+            effort: zero,
+            saturated: zero,
+            power: zero,
+            last_slew_error: zero,
         }
     }
 
     /// Takes one sample; `direction` is the sign of the slew.
-    pub fn take(&mut self, sample: &Sample, direction: f64) {
+    #[inline(always)]
+    pub fn take(&mut self, sample: &Sample<T>, direction: T) {
         let slew_at_tip = sample.reach * sample.slew_error;
         let tip_error = slew_at_tip + sample.deflection;
         let deflection = sample.deflection.abs();
-        self.samples += 1;
-        self.squared_tip_error += tip_error * tip_error;
+        self.samples += T::splat(1.0);
+        self.squared_tip_error = tip_error.mul_add(tip_error, self.squared_tip_error);
         self.peak_deflection = self.peak_deflection.max(deflection);
         self.peak_slew_angle = self.peak_slew_angle.max(direction * sample.slew_angle);
-        if sample.after_slew {
-            self.residual_samples += 1;
-            self.squared_residual += sample.deflection * sample.deflection;
-            self.residual_peak = self.residual_peak.max(deflection);
-            if deflection > SETTLED_DEFLECTION || slew_at_tip.abs() > SETTLED_SLEW_ERROR {
-                self.unsettled_until = self.residual_samples;
-            }
-        }
+        let after = sample.after_slew;
+        let residual = after * deflection;
+        self.residual_samples += after;
+        self.squared_residual = residual.mul_add(residual, self.squared_residual);
+        self.residual_peak = self.residual_peak.max(residual);
+        let unsettled = T::splat(SETTLED_DEFLECTION)
+            .below(deflection)
+            .max(T::splat(SETTLED_SLEW_ERROR).below(slew_at_tip.abs()))
+            * after;
+        self.unsettled_until = self
+            .residual_samples
+            .where_set(unsettled, self.unsettled_until);
         self.effort += sample.effort;
-        self.saturated += u64::from(sample.saturated);
+        self.saturated += sample.saturated;
         self.power += sample.power;
         self.last_slew_error = sample.slew_error;
     }
+}
 
+impl Accumulator<f64> {
     /// Metrics so far. `final_angle` is the slew's target in its own direction, rad;
     /// `residual_energy` the energy now, J.
     pub fn metrics(
@@ -177,10 +212,9 @@ impl Accumulator {
         diverged: bool,
         episode_return: f64,
     ) -> Metrics {
-        let count = self.samples as f64;
-        let residuals = self.residual_samples as f64;
-        let settled =
-            !diverged && self.residual_samples > 0 && self.unsettled_until < self.residual_samples;
+        let count = self.samples;
+        let residuals = self.residual_samples;
+        let settled = !diverged && residuals > 0.0 && self.unsettled_until < residuals;
         let root = |sum: f64, n: f64| {
             if n > 0.0 {
                 libm::sqrt(sum / n)
@@ -191,17 +225,19 @@ impl Accumulator {
         let duration = count * period;
         // the first sample after the slew lies up to one period behind its end
         let first = duration - (residuals - 1.0) * period;
-        let settling_time = match (settled, self.unsettled_until) {
-            (false, _) => f64::NAN,
-            (true, 0) => 0.0,
-            (true, last) => first + last as f64 * period - slew_end_time,
+        let settling_time = if !settled {
+            f64::NAN
+        } else if self.unsettled_until == 0.0 {
+            0.0
+        } else {
+            first + self.unsettled_until * period - slew_end_time
         };
         Metrics {
             tip_error_rms: root(self.squared_tip_error, count),
             peak_deflection: self.peak_deflection,
             peak_slew_angle: self.peak_slew_angle,
             residual_rms: root(self.squared_residual, residuals),
-            residual_peak: if self.residual_samples > 0 {
+            residual_peak: if residuals > 0.0 {
                 self.residual_peak
             } else {
                 f64::NAN
@@ -211,8 +247,8 @@ impl Accumulator {
             final_slew_error: self.last_slew_error,
             overshoot: (self.peak_slew_angle - final_angle).max(0.0),
             wheel_effort: self.effort * period,
-            saturation: if self.samples > 0 {
-                self.saturated as f64 / count
+            saturation: if count > 0.0 {
+                self.saturated / count
             } else {
                 0.0
             },

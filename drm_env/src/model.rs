@@ -308,7 +308,7 @@ impl Model {
         finite("slew_torque", torques.slew)?;
         finite("root_torque", torques.root)?;
         finite("tip_torque", torques.tip)?;
-        Ok(Prepared::new(self.raw(extension)).acceleration(&q, &v, torques))
+        Ok(Prepared::new(self.raw(extension)).acceleration::<true>(&q, &v, torques))
     }
 
     /// Energy at a state, J; the axial potential at the extension's acceleration.

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::lane::{Lane, laned};
+
 /// Which drag and inertia constants the motor model uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -43,18 +45,44 @@ impl MotorConstants {
         }
     }
 
-    /// Current, A, at a slew torque (N m) with the *reference* rate (rad/s) and acceleration
-    /// (rad/s^2) of the arm: with the simulated ones the rotor inertia amplifies the vibration.
-    pub fn current(self, slew_torque: f64, rate: f64, accel: f64) -> f64 {
-        (slew_torque / GEAR_RATIO
-            + self.drag() * GEAR_RATIO * rate
-            + self.rotor_inertia() * GEAR_RATIO * accel)
-            / TORQUE_CONSTANT
+    /// What the current is made of.
+    pub fn gains(self) -> CurrentGains<f64> {
+        CurrentGains {
+            torque: 1.0 / (GEAR_RATIO * TORQUE_CONSTANT),
+            rate: self.drag() * GEAR_RATIO / TORQUE_CONSTANT,
+            accel: self.rotor_inertia() * GEAR_RATIO / TORQUE_CONSTANT,
+        }
     }
 
-    /// Electrical power Ra i^2, W.
+    /// Electrical power Ra i^2, W; see [`CurrentGains::power`].
     pub fn power(self, slew_torque: f64, rate: f64, accel: f64) -> f64 {
-        let current = self.current(slew_torque, rate, accel);
-        ARMATURE_RESISTANCE * current * current
+        self.gains().power(slew_torque, rate, accel)
+    }
+}
+
+/// Current per slew torque, slew rate and slew acceleration of the arm: A/(N m), A s/rad, A s^2/rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurrentGains<T> {
+    torque: T,
+    rate: T,
+    accel: T,
+}
+
+laned!(CurrentGains {
+    torque,
+    rate,
+    accel
+});
+
+impl<T: Lane> CurrentGains<T> {
+    /// Electrical power Ra i^2, W, at a slew torque (N m) with the *reference* rate (rad/s) and
+    /// acceleration (rad/s^2) of the arm: with the simulated ones the rotor inertia amplifies the
+    /// vibration.
+    #[inline(always)]
+    pub fn power(&self, slew_torque: T, rate: T, accel: T) -> T {
+        let current = self
+            .torque
+            .mul_add(slew_torque, self.rate.mul_add(rate, self.accel * accel));
+        current * current * ARMATURE_RESISTANCE
     }
 }

@@ -3,15 +3,15 @@
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use rayon::prelude::*;
-
-use crate::batch::Pool;
 use crate::control::{Law, WheelTorques};
+use crate::crew::widths;
 use crate::error::{ConfigError, Error, SimulationError};
-use crate::flight::{Flight, Plan};
+use crate::flight::{Flight, Fly, Pilot, Plan};
+use crate::lane::{Instructions, Number, Pack};
 use crate::metrics::Metrics;
 use crate::rng::{Purpose, Seed, Stream};
 use crate::scenario::Scenario;
+use crate::vector::Vector;
 
 /// Names of the signals of a [`Trajectory`], in order.
 pub const SIGNAL_NAMES: [&str; 20] = [
@@ -98,7 +98,7 @@ pub fn simulate(
         return Err(ConfigError::value("every", "must be at least 1", every).into());
     }
     law.validate()?;
-    let mut flight = Flight::new(Plan::new(scenario)?, noise(seed));
+    let mut flight = Flight::new(Plan::new(scenario)?, noise(seed))?;
     let samples = scenario.samples();
     let mut kept: [Vec<f64>; SIGNAL_NAMES.len()] =
         std::array::from_fn(|_| Vec::with_capacity(samples / every + 2));
@@ -131,22 +131,10 @@ pub fn simulate(
     })
 }
 
-/// Flies one manoeuvre for its metrics alone. One that diverges ends there and says so.
-fn fly(scenario: &Scenario, law: &Law, seed: Seed) -> Result<Metrics, ConfigError> {
-    let mut flight = Flight::new(Plan::new(scenario)?, noise(seed));
-    for _ in 0..scenario.samples() {
-        let command: WheelTorques<f64> = flight.law_torques(law);
-        flight.advance(&command, None);
-        if !flight.is_finite() {
-            return Ok(flight.metrics(true, 0.0));
-        }
-    }
-    Ok(flight.metrics(false, 0.0))
-}
-
-/// Flies many manoeuvres in parallel; the result does not depend on the threads. `seeds` feed the
-/// sensors' noise, one a scenario. `progress` is called now and then on the calling thread with the
-/// number flown and ends the work by returning false.
+/// Flies many manoeuvres in parallel, side by side in lanes and on threads; the result depends on
+/// neither. `seeds` feed the sensors' noise, one a scenario. `progress` is called now and then on the
+/// calling thread with the number flown and ends the work by returning false. A manoeuvre that
+/// diverges ends there and says so.
 ///
 /// # Errors
 /// A scenario or law that cannot be used, before anything is flown; an interruption.
@@ -172,58 +160,201 @@ pub fn rollout(
             .map_err(|e| e.within(&format!("scenarios[{i}]")))?;
     }
     let available = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = threads.unwrap_or(available).max(1);
-    let mut pool = Pool::default();
-    let pool = pool.get(threads).ok_or_else(|| {
-        ConfigError::value("num_threads", "could not be started by the system", threads)
-    })?;
-    let (flown, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let (done, finished) = std::sync::mpsc::channel();
-    let mut result = None;
+    let threads = threads.unwrap_or(available).max(1).min(scenarios.len());
+    let (stop, next) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let mut metrics = vec![Metrics::default(); scenarios.len()];
+    let mut failure = None;
     std::thread::scope(|scope| {
-        let (flown, stop) = (&flown, &stop);
-        scope.spawn(move || {
-            let metrics: Result<Vec<Metrics>, Option<ConfigError>> = pool.install(|| {
-                scenarios
-                    .par_iter()
-                    .zip(seeds)
-                    .with_max_len(16)
-                    .map(|(scenario, &seed)| {
-                        if stop.load(Ordering::Relaxed) {
-                            return Err(None);
-                        }
-                        let metrics = fly(scenario, law, seed).map_err(Some)?;
-                        flown.fetch_add(1, Ordering::Relaxed);
-                        Ok(metrics)
-                    })
-                    .collect()
+        let (done, finished) = std::sync::mpsc::channel();
+        let each = scenarios.len().div_ceil(threads.max(1));
+        let width = widths(each, Instructions::detect()).first().copied();
+        for thread in 0..threads {
+            let queue = Queue {
+                scenarios,
+                seeds,
+                next: &next,
+                stop: &stop,
+                done: done.clone(),
+            };
+            let builder = std::thread::Builder::new().name(format!("rollout-{thread}"));
+            let started = builder.spawn_scoped(scope, move || match width {
+                #[cfg(target_arch = "x86_64")]
+                Some(8) => queue.fly::<crate::lane::wide::Wide8>(law),
+                #[cfg(target_arch = "x86_64")]
+                Some(4) => queue.fly::<crate::lane::wide::Wide4>(law),
+                Some(2) => queue.fly::<Pack<2>>(law),
+                _ => queue.fly::<f64>(law),
             });
-            // the receiver waits until this arrives
-            let _ = done.send(metrics);
-        });
+            if started.is_err() && thread == 0 {
+                let requirement = "could not be started by the system";
+                failure = Some(ConfigError::value("num_threads", requirement, threads).into());
+            }
+        }
+        drop(done);
         let pause = std::time::Duration::from_millis(50);
+        let mut flown = 0;
+        let mut reported = std::time::Instant::now();
         loop {
             match finished.recv_timeout(pause) {
-                Ok(metrics) => {
-                    result = Some(metrics);
-                    break;
+                Ok((index, Ok(result))) => {
+                    metrics[index] = result;
+                    flown += 1;
                 }
-                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {
-                    if !progress(flown.load(Ordering::Relaxed)) {
-                        stop.store(true, Ordering::Relaxed);
-                    }
+                Ok((index, Err(error))) => {
+                    stop.store(true, Ordering::Relaxed);
+                    let error: ConfigError = error;
+                    failure.get_or_insert(error.within(&format!("scenarios[{index}]")).into());
                 }
+                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
                 Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
+            }
+            if reported.elapsed() >= pause {
+                reported = std::time::Instant::now();
+                if !stop.load(Ordering::Relaxed) && !progress(flown) {
+                    stop.store(true, Ordering::Relaxed);
+                    failure.get_or_insert(SimulationError::Interrupted.into());
+                }
             }
         }
     });
-    match result {
-        Some(Ok(metrics)) => {
+    match failure {
+        Some(error) => Err(error),
+        None => {
             progress(metrics.len());
             Ok(metrics)
         }
-        Some(Err(Some(error))) => Err(error.into()),
-        Some(Err(None)) | None => Err(SimulationError::Interrupted.into()),
+    }
+}
+
+/// What the threads of a rollout share.
+struct Queue<'a> {
+    scenarios: &'a [Scenario],
+    seeds: &'a [Seed],
+    next: &'a AtomicUsize,
+    stop: &'a AtomicBool,
+    done: std::sync::mpsc::Sender<(usize, Result<Metrics, ConfigError>)>,
+}
+
+/// Samples between two looks at the lanes, unless one ends before.
+const SAMPLES_BETWEEN_LOOKS: usize = 256;
+
+impl Queue<'_> {
+    /// The next manoeuvre to fly.
+    fn take(&self) -> Option<(usize, Flight<f64>)> {
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            let index = self.next.fetch_add(1, Ordering::Relaxed);
+            let scenario = self.scenarios.get(index)?;
+            let flight = Plan::of_valid(scenario)
+                .and_then(|plan| Flight::new(plan, noise(self.seeds[index])));
+            match flight {
+                Ok(flight) => return Some((index, flight)),
+                Err(error) => self.send(index, Err(error)),
+            }
+        }
+    }
+
+    fn send(&self, index: usize, result: Result<Metrics, ConfigError>) {
+        // the receiver waits until every sender is gone
+        let _ = self.done.send((index, result));
+    }
+
+    /// Flies manoeuvres side by side until there are no more: a lane that has ended takes the next one.
+    fn fly<T: Vector>(&self, law: &Law) {
+        let Some((index, first)) = self.take() else {
+            return;
+        };
+        let mut lanes: Vec<Option<(usize, usize)>> = vec![None; T::WIDTH];
+        lanes[0] = Some((index, first.plan().scenario.samples()));
+        let mut flight = Flight::<T>::spread(&first);
+        let mut more = true;
+        loop {
+            for (lane, place) in lanes.iter_mut().enumerate() {
+                while more && place.is_none() {
+                    match self.take() {
+                        None => more = false,
+                        Some((index, next)) if flight.accepts(&next) => {
+                            *place = Some((index, next.plan().scenario.samples()));
+                            flight.put(lane, &next);
+                        }
+                        Some((index, next)) => self.fly_one(index, next, law),
+                    }
+                }
+            }
+            let left = lanes.iter().flatten().map(|(_, left)| *left).min();
+            let Some(left) = left else {
+                return;
+            };
+            if self.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            let resting = lanes
+                .iter()
+                .enumerate()
+                .filter(|(_, place)| place.is_none())
+                .fold(0, |bits, (lane, _)| bits | 1 << lane);
+            flight.rest(resting);
+            let mut pilot = Autopilot {
+                law,
+                flown: 0,
+                lost: 0,
+            };
+            T::enter(Fly {
+                flight: &mut flight,
+                samples: left.min(SAMPLES_BETWEEN_LOOKS),
+                pilot: &mut pilot,
+            });
+            for (lane, place) in lanes.iter_mut().enumerate() {
+                if let Some((index, left)) = place {
+                    *left -= pilot.flown;
+                    let lost = pilot.lost >> lane & 1 == 1;
+                    if *left == 0 || lost {
+                        let metrics = flight.one(lane).metrics(lost, 0.0);
+                        self.send(*index, Ok(metrics));
+                        *place = None;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Flies one manoeuvre whose equations or samples are not those of the others.
+    fn fly_one(&self, index: usize, mut flight: Flight<f64>, law: &Law) {
+        let mut pilot = Autopilot {
+            law,
+            flown: 0,
+            lost: 0,
+        };
+        let samples = flight.plan().scenario.samples();
+        f64::enter(Fly {
+            flight: &mut flight,
+            samples,
+            pilot: &mut pilot,
+        });
+        self.send(index, Ok(flight.metrics(pilot.lost != 0, 0.0)));
+    }
+}
+
+/// A law as the pilot, until a lane's state is no longer finite.
+struct Autopilot<'a> {
+    law: &'a Law,
+    flown: usize,
+    lost: u32,
+}
+
+impl<T: Number> Pilot<T> for Autopilot<'_> {
+    #[inline(always)]
+    fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
+        (flight.law_torques(self.law), None)
+    }
+
+    #[inline(always)]
+    fn flown(&mut self, flight: &mut Flight<T>) -> bool {
+        self.flown += 1;
+        self.lost = flight.common.outputs.not_finite().bits() & !flight.resting();
+        self.lost == 0
     }
 }
 

@@ -2,7 +2,9 @@
 //! randomness, not batches.
 
 use crate::config::{EnvConfig, ObservePayload, Reward, Task};
-use crate::flight::Flight;
+use crate::flight::{Flight, Plan, lanes_of};
+use crate::functions::{asinh, ln_1p};
+use crate::lane::{Laned, Number, laned};
 
 /// One entry of the observation.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,64 +99,92 @@ pub fn frame_size(task: &Task) -> usize {
     FIXED.len() + MOMENTUM.len() + PREVIEW.len() * task.preview_times.len()
 }
 
-/// Writes one frame.
-pub fn observe(flight: &Flight, task: &Task, frame: &mut Vec<f32>) {
-    frame.clear();
-    let mut push = |value: f64, scale: f64| {
-        let scaled = (value / scale).clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT);
-        frame.push(scaled as f32);
-    };
-    let plan = flight.plan();
-    let time = flight.time();
-    let reference = flight.reference();
-    let extension = flight.extension();
-    let measurement = flight.measurement();
-    let [angle, rate, ..] = flight.measured();
+/// What is told of the payload: its mass (kg), length and width (m).
+pub(crate) fn told_payload(plan: &Plan, task: &Task) -> [f64; 3] {
     let payload = match task.observe_payload {
-        ObservePayload::Reported => Some(&plan.reported),
-        ObservePayload::True => Some(&plan.payload),
-        ObservePayload::Hidden => None,
+        ObservePayload::Reported => &plan.reported,
+        ObservePayload::True => &plan.payload,
+        ObservePayload::Hidden => return [0.0; 3],
     };
-    let [slew_torque, root_torque, tip_torque] = flight.last_torques();
-    let fine = |value: f64, index: usize| libm::asinh(value / FINE[index]);
-    let values = [
+    [payload.mass, payload.length, payload.width]
+}
+
+/// Writes one frame for each of the lanes whose bits are set: `frame(lane)` is where that of a lane
+/// goes. `payload` is what is told of the payloads.
+#[inline(always)]
+pub(crate) fn observe<'a, T: Number>(
+    flight: &Flight<T>,
+    task: &Task,
+    payload: &[T; 3],
+    lanes: u32,
+    mut frame: impl FnMut(usize) -> &'a mut [f32],
+) {
+    let clock = flight.clock();
+    let (reference, extension) = (&clock.reference, &clock.extension);
+    let measurement = flight.measurement();
+    let [angle, rate, ..] = flight.common.measured;
+    let [slew_torque, root_torque, tip_torque] = flight.common.torques;
+    let left = flight.slew_end_time() - clock.time;
+    let values: [T; FIXED.len() + MOMENTUM.len()] = [
         measurement.slew_error,
-        fine(measurement.slew_error, 0),
+        asinh(measurement.slew_error * (1.0 / FINE[0])),
         measurement.slew_error_rate,
-        fine(measurement.slew_error_rate, 1),
+        asinh(measurement.slew_error_rate * (1.0 / FINE[1])),
         angle,
         rate,
         measurement.link2_deflection,
-        fine(measurement.link2_deflection, 2),
+        asinh(measurement.link2_deflection * (1.0 / FINE[2])),
         measurement.link2_deflection_rate,
-        fine(measurement.link2_deflection_rate, 3),
+        asinh(measurement.link2_deflection_rate * (1.0 / FINE[3])),
         reference.angle,
         reference.rate,
         reference.accel,
         extension.length,
         extension.rate,
         extension.accel,
-        (plan.slew_end_time - time).max(0.0),
-        payload.map_or(0.0, |p| p.mass),
-        payload.map_or(0.0, |p| p.length),
-        payload.map_or(0.0, |p| p.width),
+        left.max(T::splat(0.0)),
+        payload[0],
+        payload[1],
+        payload[2],
         slew_torque,
         root_torque,
         tip_torque,
+        flight.common.root.momentum,
+        flight.common.tip.momentum,
     ];
-    for (value, (_, _, scale)) in values.into_iter().zip(FIXED) {
-        push(value, scale);
+    let limit = T::splat(OBSERVATION_LIMIT);
+    let mut scaled = values;
+    for i in 0..scaled.len() {
+        let (_, _, scale) = if i < FIXED.len() {
+            FIXED[i]
+        } else {
+            MOMENTUM[i - FIXED.len()]
+        };
+        scaled[i] = (values[i] * (1.0 / scale)).limited(-limit, limit);
     }
-    for (value, (_, _, scale)) in flight.wheel_momentum().into_iter().zip(MOMENTUM) {
-        push(value, scale);
-    }
-    for ahead in &task.preview_times {
-        let then = [
-            plan.timeline.reference(time + ahead).accel,
-            plan.timeline.extension(time + ahead).length,
-        ];
-        for (value, (_, _, scale)) in then.into_iter().zip(PREVIEW) {
-            push(value, scale);
+    for lane in lanes_of(lanes) {
+        let row = frame(lane);
+        let (fixed, preview) = row.split_at_mut(scaled.len());
+        for (entry, value) in fixed.iter_mut().zip(&scaled) {
+            *entry = value.lane(lane) as f32;
+        }
+        let timeline = &flight.plan_of(lane).timeline;
+        let now = clock.time.lane(lane);
+        let mut index = flight.piece_of(lane);
+        let mut last = 0.0;
+        for (pair, ahead) in preview.chunks_exact_mut(2).zip(&task.preview_times) {
+            if *ahead < last {
+                index = flight.piece_of(lane);
+            }
+            last = *ahead;
+            index = timeline.index_from(index, now + ahead);
+            let piece = timeline.piece(index);
+            let u = (now + ahead - piece.start).max(0.0);
+            let then = [piece.motion(u).0, piece.extension(u).length];
+            for ((entry, value), (_, _, scale)) in pair.iter_mut().zip(then).zip(PREVIEW) {
+                let scaled = (value * (1.0 / scale)).clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT);
+                *entry = scaled as f32;
+            }
         }
     }
 }
@@ -162,80 +192,119 @@ pub fn observe(flight: &Flight, task: &Task, frame: &mut Vec<f32>) {
 /// Names of the reward's terms, in the order of [`RewardSums::terms`].
 pub const REWARD_NAMES: [&str; 3] = ["reward/tip_vibration", "reward/slew_error", "reward/effort"];
 
-/// Sums over the samples of one action from which the reward's terms are made.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct RewardSums {
-    samples: f64,
-    squared_vibration: f64,
-    squared_slew: f64,
-    effort: f64,
+/// The reward with what follows from it once.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RewardScale {
+    reward: Reward,
+    per_resolution: f64,
+    per_metre: f64,
 }
 
-impl RewardSums {
-    /// Takes the sample just flown.
-    pub fn take(&mut self, flight: &Flight, reward: &Reward) {
-        let scenario = &flight.plan().scenario;
-        let (deflection, deflection_rate) = flight.tip_deflection();
-        let reference = flight.reference();
-        let reach = scenario.arm.link1.length + flight.extension().length;
-        let error = flight.position()[0] - reference.angle;
-        let error_rate = flight.velocity()[0] - reference.rate;
-        let swing = deflection_rate * reward.vibration_time;
-        let slide = reach * (error + error_rate * reward.slew_time);
-        let [_, root, tip] = flight.last_torques();
-        let (root, tip) = (
-            root / scenario.root_wheel.torque_limit,
-            tip / scenario.tip_wheel.torque_limit,
-        );
-        self.samples += 1.0;
-        self.squared_vibration += deflection * deflection + swing * swing;
-        self.squared_slew += slide * slide;
-        self.effort += root * root + tip * tip;
+impl RewardScale {
+    pub(crate) fn new(reward: &Reward) -> Self {
+        let per_resolution = 1.0 / reward.resolution;
+        Self {
+            reward: *reward,
+            per_resolution,
+            per_metre: 1.0 / ln_1p(per_resolution),
+        }
     }
 
-    /// The terms of a step of `duration` seconds, in the order of [`REWARD_NAMES`].
-    pub fn terms(&self, reward: &Reward, duration: f64) -> [f64; 3] {
-        if self.samples == 0.0 {
-            return [0.0; 3];
-        }
-        let root = |sum: f64| libm::sqrt(sum / self.samples);
+    /// An error (m) on the reward's logarithmic scale: 0 at none, 1 at one metre; errors beyond a
+    /// kilometre, and those that are not finite, count as one kilometre.
+    #[inline(always)]
+    fn logarithmic<T: Number>(&self, error: T) -> T {
+        let error = error.min(T::splat(1e3));
+        ln_1p(error * self.per_resolution) * self.per_metre
+    }
+}
+
+/// Sums over the samples of one action from which the reward's terms are made.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RewardSums<T> {
+    samples: T,
+    squared_vibration: T,
+    squared_slew: T,
+    effort: T,
+}
+
+laned!(RewardSums {
+    samples,
+    squared_vibration,
+    squared_slew,
+    effort,
+});
+
+impl<T: Number> RewardSums<T> {
+    pub(crate) fn none() -> Self {
+        Self::spread(&RewardSums {
+            samples: 0.0,
+            squared_vibration: 0.0,
+            squared_slew: 0.0,
+            effort: 0.0,
+        })
+    }
+
+    /// Takes the sample just flown.
+    #[inline(always)]
+    pub(crate) fn take(&mut self, flight: &Flight<T>, scale: &RewardScale) {
+        let reward = &scale.reward;
+        let [deflection, deflection_rate] = flight.common.outputs.tip;
+        let error = flight.slew_error();
+        let error_rate = flight.common.outputs.slew[1] - flight.clock().reference.rate;
+        let swing = deflection_rate * reward.vibration_time;
+        let slide = flight.reach() * error_rate.mul_add(T::splat(reward.slew_time), error);
+        let [_, root, tip] = flight.common.torques;
+        let fixed = flight.fixed();
+        let (root, tip) = (root / fixed.root.torque, tip / fixed.tip.torque);
+        self.samples += T::splat(1.0);
+        self.squared_vibration += deflection.mul_add(deflection, swing * swing);
+        self.squared_slew = slide.mul_add(slide, self.squared_slew);
+        self.effort += root.mul_add(root, tip * tip);
+    }
+
+    /// The terms of a step of `duration` seconds, in the order of [`REWARD_NAMES`]; 0 where no sample
+    /// was taken.
+    #[inline(always)]
+    pub(crate) fn terms(&self, scale: &RewardScale, duration: T) -> [T; 3] {
+        let per_sample = self.samples.max(T::splat(1.0)).recip();
+        let reward = &scale.reward;
+        let vibration = scale.logarithmic((self.squared_vibration * per_sample).sqrt());
+        let slew = scale.logarithmic((self.squared_slew * per_sample).sqrt());
+        let zero = T::splat(0.0);
         [
-            -reward.tip_vibration * duration * logarithmic(root(self.squared_vibration), reward),
-            -reward.slew_error * duration * logarithmic(root(self.squared_slew), reward),
-            -reward.effort * duration * self.effort / self.samples,
+            (-(duration * reward.tip_vibration * vibration)).where_set(self.samples, zero),
+            (-(duration * reward.slew_error * slew)).where_set(self.samples, zero),
+            (-(duration * reward.effort * (self.effort * per_sample)))
+                .where_set(self.samples, zero),
         ]
     }
-}
-
-/// An error (m) on the reward's logarithmic scale: 0 at none, 1 at one metre; errors beyond a
-/// kilometre, and those that are not finite, count as one kilometre.
-fn logarithmic(error: f64, reward: &Reward) -> f64 {
-    let error = if error.is_finite() {
-        error.min(1e3)
-    } else {
-        1e3
-    };
-    libm::log1p(error / reward.resolution) / libm::log1p(1.0 / reward.resolution)
 }
 
 /// What an episode that ends at a limit of the structure is charged for the `seconds` it leaves
 /// unflown, on the terms of vibration and slew error: as if the limit were held to the end, so that
 /// ending early never pays.
-pub fn charge_for_rest(task: &Task, reach: f64, seconds: f64) -> [f64; 2] {
-    let reward = &task.reward;
+pub(crate) fn charge_for_rest(
+    task: &Task,
+    scale: &RewardScale,
+    reach: f64,
+    seconds: f64,
+) -> [f64; 2] {
+    let reward = &scale.reward;
     let slide = reach * task.limits.slew_error;
     [
-        -reward.tip_vibration * seconds * logarithmic(task.limits.tip_deflection, reward),
-        -reward.slew_error * seconds * logarithmic(slide, reward),
+        -reward.tip_vibration * seconds * scale.logarithmic(task.limits.tip_deflection),
+        -reward.slew_error * seconds * scale.logarithmic(slide),
     ]
 }
 
-/// Whether the flight is beyond a limit of the structure or no longer finite.
-pub fn is_lost(flight: &Flight, task: &Task) -> bool {
-    let error = flight.position()[0] - flight.reference().angle;
-    !flight.is_finite()
-        || error.abs() > task.limits.slew_error
-        || flight.tip_deflection().0.abs() > task.limits.tip_deflection
+/// Lanes that are beyond a limit of the structure or no longer finite, a bit each.
+#[inline(always)]
+pub(crate) fn lost<T: Number>(flight: &Flight<T>, task: &Task) -> u32 {
+    let outputs = &flight.common.outputs;
+    let slewed = T::splat(task.limits.slew_error).below(flight.slew_error().abs());
+    let bent = T::splat(task.limits.tip_deflection).below(outputs.tip[0].abs());
+    (outputs.not_finite() + slewed + bent).bits()
 }
 
 /// Number of entries of an observation.

@@ -2,12 +2,12 @@
 //! which both are polynomials, so that no Runge-Kutta step straddles a switch.
 
 use crate::deployment::DeploymentPiece;
-use crate::lane::{Lane, Pack};
+use crate::lane::{Lane, laned};
 use crate::plant::Extension;
 use crate::profile::SlewPiece;
 
 /// Switches closer together than this are one, s.
-const SAME_INSTANT: f64 = 1e-9;
+pub(crate) const SAME_INSTANT: f64 = 1e-9;
 
 /// Reference and extension between two switches; every polynomial is in the time since `start`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,21 +39,17 @@ pub struct Reference<T> {
     pub accel: T,
 }
 
-impl Piece<f64> {
-    /// The same piece in every lane.
-    #[inline(always)]
-    pub(crate) fn spread<const N: usize>(&self) -> Piece<Pack<N>> {
-        Piece {
-            start: Pack::splat(self.start),
-            angle: Pack::splat(self.angle),
-            rate: Pack::splat(self.rate),
-            accel: self.accel.map(Pack::splat),
-            extension: Pack::splat(self.extension),
-            extension_rate: Pack::splat(self.extension_rate),
-            extension_accel: Pack::splat(self.extension_accel),
-        }
-    }
-}
+laned!(Reference { angle, rate, accel });
+
+laned!(Piece {
+    start,
+    angle,
+    rate,
+    accel,
+    extension,
+    extension_rate,
+    extension_accel,
+});
 
 impl<T: Lane> Piece<T> {
     /// Reference `u` seconds after the start.
@@ -61,28 +57,38 @@ impl<T: Lane> Piece<T> {
     pub fn reference(&self, u: T) -> Reference<T> {
         let (accel, rate) = self.motion(u);
         let [c0, c1, c2, c3] = self.accel;
-        let angle = self.angle
-            + u * (self.rate
-                + u * (c0 * 0.5
-                    + u * (c1 * (1.0 / 6.0) + u * (c2 * (1.0 / 12.0) + u * (c3 * 0.05)))));
-        Reference { angle, rate, accel }
+        let turn = [
+            self.rate,
+            c0 * 0.5,
+            c1 * (1.0 / 6.0),
+            c2 * (1.0 / 12.0),
+            c3 * 0.05,
+        ];
+        Reference {
+            angle: u.mul_add(u.polynomial(&turn), self.angle),
+            rate,
+            accel,
+        }
     }
 
     /// Reference acceleration and rate `u` seconds after the start.
     #[inline(always)]
     pub fn motion(&self, u: T) -> (T, T) {
         let [c0, c1, c2, c3] = self.accel;
-        let accel = c0 + u * (c1 + u * (c2 + u * c3));
-        let rate = self.rate + u * (c0 + u * (c1 * 0.5 + u * (c2 * (1.0 / 3.0) + u * (c3 * 0.25))));
-        (accel, rate)
+        let gain = [c0, c1 * 0.5, c2 * (1.0 / 3.0), c3 * 0.25];
+        (
+            u.polynomial(&self.accel),
+            u.mul_add(u.polynomial(&gain), self.rate),
+        )
     }
 
     /// Extension `u` seconds after the start.
     #[inline(always)]
     pub fn extension(&self, u: T) -> Extension<T> {
+        let half = self.extension_accel * 0.5;
         Extension {
-            length: self.extension + u * (self.extension_rate + u * self.extension_accel * 0.5),
-            rate: self.extension_rate + u * self.extension_accel,
+            length: u.mul_add(u.mul_add(half, self.extension_rate), self.extension),
+            rate: u.mul_add(self.extension_accel, self.extension_rate),
             accel: self.extension_accel,
         }
     }
@@ -141,12 +147,24 @@ impl Timeline {
             - 1
     }
 
+    /// Index of the piece in force at `time`, which is not before that of the piece `hint`.
+    #[inline(always)]
+    pub fn index_from(&self, hint: usize, time: f64) -> usize {
+        let mut index = hint;
+        while time + SAME_INSTANT >= self.end(index) {
+            index += 1;
+        }
+        index
+    }
+
     /// Piece by index.
+    #[inline(always)]
     pub fn piece(&self, index: usize) -> &Piece<f64> {
         &self.pieces[index]
     }
 
     /// End of a piece: where the next starts, s; infinite for the last.
+    #[inline(always)]
     pub fn end(&self, index: usize) -> f64 {
         self.pieces
             .get(index + 1)

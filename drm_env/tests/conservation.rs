@@ -16,7 +16,8 @@ use proptest::prelude::*;
 
 fn launch(scenario: &Scenario) -> Flight {
     let plan = Plan::new(scenario).expect("the manoeuvre can be flown");
-    Flight::new(plan, Stream::new(Seed::default(), 0, Purpose::Sensors))
+    let noise = Stream::new(Seed::default(), 0, Purpose::Sensors);
+    Flight::new(plan, noise).expect("the manoeuvre can be flown")
 }
 
 /// State of a deploying, vibrating arm under constant wheel torques, 1.4 s after the bang-bang switch

@@ -223,14 +223,14 @@ fn thesis_step(case: &Case, state: &DVector<f64>, torques: &Torques<f64>, h: f64
     };
     let stages = [prepared(0.0), prepared(h / 2.0), prepared(h)];
     let y: [f64; 6] = std::array::from_fn(|i| state[i]);
-    let next = rk4_step(&y, h, |stage, y| {
+    let next = rk4_step(&y, h, |stage: Stage, y: &[f64; 6]| {
         let at = match stage {
             Stage::Start => &stages[0],
             Stage::Middle => &stages[1],
             Stage::End => &stages[2],
         };
         let [theta, alpha, beta, rate, alpha_rate, beta_rate] = *y;
-        let accel = at.acceleration(
+        let accel = at.acceleration::<true>(
             &[theta, alpha, beta],
             &[rate, alpha_rate, beta_rate],
             torques,

@@ -51,19 +51,25 @@ impl Batch {
                 let requirement = format!("must be below {}", engine.len());
                 ConfigError::value("index", requirement, index)
             })?;
-            work(env)
+            work(&env)
         })
     }
 
-    /// One value of every environment.
-    fn each<T: Send>(
+    /// One value of every environment whose episode ended in the last step, `none` of the others.
+    fn each<T: Send + Copy>(
         &self,
         py: Python<'_>,
-        value: impl Fn(Option<&Ended>) -> T + Send + Sync,
+        none: T,
+        value: impl Fn(&Ended) -> T + Send + Sync,
     ) -> Outcome<Vec<T>> {
+        let mut values = vec![none; self.num_envs];
         self.with(py, |engine| {
-            Ok((0..engine.len()).map(|i| value(engine.ended(i))).collect())
-        })
+            for (i, ended) in engine.ended() {
+                values[i] = value(ended);
+            }
+            Ok(())
+        })?;
+        Ok(values)
     }
 }
 
@@ -179,11 +185,7 @@ impl Batch {
         };
         self.with(py, move |engine| {
             engine.step(actions, &mut buffers)?;
-            let any = |test: &dyn Fn(usize) -> bool| (0..engine.len()).any(test);
-            Ok((
-                any(&|i| engine.began(i)),
-                any(&|i| engine.ended(i).is_some()),
-            ))
+            Ok((engine.any_began(), engine.any_ended()))
         })
     }
 
@@ -200,8 +202,12 @@ impl Batch {
 
     /// Whether each environment began an episode in the last call.
     fn reset_happened<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
-        let began: Vec<bool> = self.with(py, |engine| {
-            Ok((0..engine.len()).map(|i| engine.began(i)).collect())
+        let mut began = vec![false; self.num_envs];
+        self.with(py, |engine| {
+            for i in engine.began() {
+                began[i] = true;
+            }
+            Ok(())
         })?;
         Ok(Out1::vector(py, &began))
     }
@@ -213,11 +219,16 @@ impl Batch {
         check_shape("contexts", out.shape(), &[COUNT, n])?;
         let out = out.slice_mut();
         self.with(py, move |engine| {
-            for i in (0..n).filter(|&i| everywhere || engine.began(i)) {
-                let context = engine.env(i).map(Env::context).unwrap_or([f64::NAN; COUNT]);
+            let mut write = |i: usize| {
+                let context = engine.context(i).unwrap_or([f64::NAN; COUNT]);
                 for (row, value) in context.into_iter().enumerate() {
                     out[row * n + i] = value;
                 }
+            };
+            if everywhere {
+                (0..n).for_each(&mut write);
+            } else {
+                engine.began().for_each(&mut write);
             }
             Ok(())
         })
@@ -226,40 +237,38 @@ impl Batch {
     /// Last observation of the episodes that ended in the last step; zeros elsewhere.
     fn final_obs<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f32>> {
         let size = self.observation_size;
-        let rows = self.each(py, |ended| {
-            ended.map_or_else(|| vec![0.0; size], |ended| ended.observation.clone())
+        let mut rows = vec![0.0; self.num_envs * size];
+        self.with(py, |engine| {
+            for (i, ended) in engine.ended() {
+                rows[i * size..][..size].copy_from_slice(&ended.observation);
+            }
+            Ok(())
         })?;
-        Ok(Out2::new(py, (self.num_envs, size), &rows.concat()))
+        Ok(Out2::new(py, (self.num_envs, size), &rows))
     }
 
     /// Metrics of the episodes that ended in the last step; zeros elsewhere.
     fn metrics<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f64>> {
         let zeros = [0.0; METRIC_NAMES.len()];
-        let rows = self.each(py, |ended| {
-            ended.map_or(zeros, |ended| ended.metrics.values())
-        })?;
+        let rows = self.each(py, zeros, |ended| ended.metrics.values())?;
         Ok(Out2::matrix(py, &rows))
     }
 
     /// Whether the episodes that ended in the last step diverged.
     fn diverged<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
-        let flags = self.each(py, |ended| {
-            ended.is_some_and(|ended| ended.metrics.diverged)
-        })?;
+        let flags = self.each(py, false, |ended| ended.metrics.diverged)?;
         Ok(Out1::vector(py, &flags))
     }
 
     /// Whether the arm settled in the episodes that ended in the last step.
     fn success<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
-        let flags = self.each(py, |ended| ended.is_some_and(|ended| ended.metrics.settled))?;
+        let flags = self.each(py, false, |ended| ended.metrics.settled)?;
         Ok(Out1::vector(py, &flags))
     }
 
     /// Whether every environment has had an episode.
     fn has_reset(&self, py: Python<'_>) -> Outcome<bool> {
-        self.with(py, |engine| {
-            Ok((0..engine.len()).all(|i| engine.env(i).is_some_and(Env::has_reset)))
-        })
+        self.with(py, |engine| Ok(engine.has_reset()))
     }
 
     /// Flat scenario parameters of every later episode, as JSON text each, until called again.

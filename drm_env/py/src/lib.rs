@@ -3,6 +3,7 @@
 mod analysis;
 mod arrays;
 mod batch;
+mod benchmark;
 mod config;
 mod env;
 mod error;
@@ -22,6 +23,8 @@ mod _engine {
     };
     #[pymodule_export]
     use super::batch::Batch;
+    #[pymodule_export]
+    use super::benchmark::{batch_benchmark, env_benchmark, instructions, kernel_benchmark};
     #[pymodule_export]
     use super::config::{
         context_names, default_config_json, metric_names, observation_layout, option_names_json,

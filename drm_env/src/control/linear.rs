@@ -74,12 +74,16 @@ impl LinearLaw {
     pub(super) fn torques<T: Lane>(&self, measured: &Measurement<T>) -> WheelTorques<T> {
         let off = T::splat(0.0);
         WheelTorques {
-            root: self.root.map_or(off, |k| {
-                -(measured.slew_error_rate * k.rate_gain) - measured.slew_error * k.angle_gain
-            }),
-            tip: self.tip.map_or(off, |k| {
-                -(measured.link2_deflection_rate * (0.5 * k.rate_gain))
-            }),
+            root: match self.root {
+                Some(k) => {
+                    -(measured.slew_error_rate * k.rate_gain) - measured.slew_error * k.angle_gain
+                }
+                None => off,
+            },
+            tip: match self.tip {
+                Some(k) => -(measured.link2_deflection_rate * (0.5 * k.rate_gain)),
+                None => off,
+            },
         }
     }
 }

@@ -104,12 +104,18 @@ impl LyapunovLaw {
             started: T::splat(1.0),
         };
         WheelTorques {
-            root: self.root.map_or(off, |k| {
-                -(measured.slew_error_rate * k.rate_gain)
-                    - measured.slew_error * k.angle_gain
-                    - (jtt * accel + jtb * beta_accel) * k.acceleration_gain
-            }),
-            tip: self.tip.map_or(off, |k| -(jtb * beta_rate * k.gain)),
+            root: match self.root {
+                Some(k) => {
+                    -(measured.slew_error_rate * k.rate_gain)
+                        - measured.slew_error * k.angle_gain
+                        - (jtt * accel + jtb * beta_accel) * k.acceleration_gain
+                }
+                None => off,
+            },
+            tip: match self.tip {
+                Some(k) => -(jtb * beta_rate * k.gain),
+                None => off,
+            },
         }
     }
 }

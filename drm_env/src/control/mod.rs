@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::arm::{Arm, PayloadProperties};
 use crate::error::ConfigError;
-use crate::lane::Lane;
+use crate::lane::{Lane, laned};
 
 pub use linear::LinearLaw;
 pub use lyapunov::LyapunovLaw;
@@ -131,6 +131,12 @@ pub struct LawMemory<T> {
     pub started: T,
 }
 
+laned!(LawMemory {
+    slew_error_rate,
+    link2_deflection_rate,
+    started,
+});
+
 impl<T: Lane> LawMemory<T> {
     /// Before the first sample.
     pub fn fresh() -> Self {
@@ -150,6 +156,13 @@ pub struct KnownInertia<T> {
     pub(crate) mass: T,
     pub(crate) inertia_attachment: T,
 }
+
+laned!(KnownInertia {
+    l1,
+    rho2,
+    mass,
+    inertia_attachment,
+});
 
 impl KnownInertia<f64> {
     /// From the arm and the reported payload.

@@ -175,9 +175,9 @@ impl Lane for f64 {
 }
 
 /// Values of several lanes side by side, of which single ones can be taken out and put in.
-pub trait Laned {
+pub trait Laned: Copy {
     /// The same of one lane.
-    type Single;
+    type Single: Copy;
     /// The same in every lane.
     fn spread(single: &Self::Single) -> Self;
     /// One lane.
@@ -218,18 +218,26 @@ impl<L: Laned, const N: usize> Laned for [L; N] {
 
     #[inline(always)]
     fn spread(single: &Self::Single) -> Self {
-        std::array::from_fn(|i| L::spread(&single[i]))
+        let mut all = [L::spread(&single[0]); N];
+        for i in 1..N {
+            all[i] = L::spread(&single[i]);
+        }
+        all
     }
 
     #[inline(always)]
     fn lane_of(&self, index: usize) -> Self::Single {
-        std::array::from_fn(|i| self[i].lane_of(index))
+        let mut single = [self[0].lane_of(index); N];
+        for i in 1..N {
+            single[i] = self[i].lane_of(index);
+        }
+        single
     }
 
     #[inline(always)]
     fn put_lane(&mut self, index: usize, single: &Self::Single) {
-        for (value, single) in self.iter_mut().zip(single) {
-            value.put_lane(index, single);
+        for i in 0..N {
+            self[i].put_lane(index, &single[i]);
         }
     }
 }
@@ -402,12 +410,17 @@ impl Instructions {
         Self::Baseline
     }
 
-    /// Environments side by side in one pack of a batch.
+    /// Most environments side by side in one pack.
     pub fn lanes(self) -> usize {
+        self.widths()[0]
+    }
+
+    /// Environments side by side in the packs that these instructions make fast, the most first.
+    pub fn widths(self) -> &'static [usize] {
         match self {
-            Self::Baseline => 2,
-            Self::Avx2 => 4,
-            Self::Avx512 => 8,
+            Self::Baseline => &[2, 1],
+            Self::Avx2 => &[4, 1],
+            Self::Avx512 => &[8, 4, 1],
         }
     }
 

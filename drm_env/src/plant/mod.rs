@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::arm::{Arm, PayloadProperties, non_negative};
 use crate::error::ConfigError;
 use crate::implicit::GeneralizedAlpha;
-use crate::lane::{Lane, Pack};
+use crate::lane::{Lane, laned};
 
 /// Which equations of motion are integrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -84,6 +84,12 @@ pub struct Extension<T> {
     pub accel: T,
 }
 
+laned!(Extension {
+    length,
+    rate,
+    accel
+});
+
 /// External torques at one instant, N m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Torques<T> {
@@ -94,6 +100,8 @@ pub struct Torques<T> {
     /// Tip reaction wheel.
     pub tip: T,
 }
+
+laned!(Torques { slew, root, tip });
 
 /// Rigid moment of inertia about the shoulder as a polynomial of the extension a:
 /// I(a) = c0 + c1 a + c2 a^2, kg m^2 (exact: the cubes of the two ends of link 2 cancel).
@@ -127,35 +135,27 @@ impl RigidInertia<f64> {
     }
 }
 
-impl RigidInertia<f64> {
-    /// The same arm in every lane.
-    #[inline(always)]
-    pub(crate) fn spread<const N: usize>(&self) -> RigidInertia<Pack<N>> {
-        RigidInertia {
-            coefficients: self.coefficients.map(Pack::splat),
-        }
-    }
-}
+laned!(RigidInertia { coefficients });
 
 impl<T: Lane> RigidInertia<T> {
     /// I(a), kg m^2.
     #[inline(always)]
     pub fn at(&self, a: T) -> T {
-        let [c0, c1, c2] = self.coefficients;
-        c0 + a * (c1 + a * c2)
+        a.polynomial(&self.coefficients)
     }
 
     /// dI/da, kg m.
     #[inline(always)]
     pub fn slope(&self, a: T) -> T {
         let [_, c1, c2] = self.coefficients;
-        c1 + a * c2 * 2.0
+        (c2 * 2.0).mul_add(a, c1)
     }
 
     /// Rigid inverse dynamics S = I th'' + (dI/da) a' th' (thesis equation 3.2.1), N m.
     #[inline(always)]
     pub fn slew_torque(&self, extension: &Extension<T>, rate: T, accel: T) -> T {
         let a = extension.length;
-        self.at(a) * accel + self.slope(a) * extension.rate * rate
+        self.at(a)
+            .mul_add(accel, self.slope(a) * (extension.rate * rate))
     }
 }

@@ -1,12 +1,17 @@
 //! The thesis' model with three degrees of freedom q = (theta, alpha, beta): slew angle and one
 //! assumed mode a link, phi(u) = 3 u^2 - u^3 (appendix C). M q'' + C q' + K q + axial load = Q in
 //! closed form; C is not symmetric because the length is prescribed.
+//!
+//! Every entry is a polynomial of the overlap's fraction s, of the length a and of 1/a, whose
+//! coefficients are put together once an episode: a step evaluates them by Horner's rule. With
+//! R = L2 + L1 s and c = L1 s, powers of s from the third on come from the overlap alone.
 
 use crate::arm::{Arm, PayloadProperties};
-use crate::lane::{Lane, Pack};
+use crate::lane::{Lane, laned};
 use crate::plant::{Dynamics, Extension, TipTorque, Torques};
 
-/// What the matrices need of arm, payload and switches; constant through an episode.
+/// Coefficients of the matrices for one arm and payload; constant through an episode. Names ending in
+/// `_s` multiply powers of s, in `_a` powers of a, in `_y` powers of 1/a.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Constants<T> {
     l1: T,
@@ -14,27 +19,104 @@ pub struct Constants<T> {
     /// L2 - L1: the overlap starts at c = a - (L2 - L1)
     protrusion: T,
     rho2: T,
-    /// rho2 L1
+    /// rho2 L1, rho2 L1^2
     rho2_l1: T,
+    rho2_l1_squared: T,
     mp: T,
-    /// Mp Lp
+    /// Mp Lp and multiples
     mp_lp: T,
-    lp: T,
-    j: T,
-    /// rho1 parts of Mta and Maa
-    mta_link1: T,
-    maa_link1: T,
-    /// rho1 L1^3 / 3 + J
-    mtt_fixed: T,
-    l2: T,
-    /// 12 EI1 / L1^3, 12 EI2 / L1^3, 12 EI2
-    kaa_link1: T,
-    kaa_link2: T,
-    kbb: T,
+    mp_lp_3: T,
+    mp_lp_6: T,
+    /// multiples of J
+    j_9: T,
+    j_18: T,
+    /// 3 Mp Lp L1 / 2 + 3 J
+    overhang: T,
+    mtt_a: [T; 3],
+    mta_s: [T; 2],
+    /// 2 rho2 L2 + 2 Mp: dMta/da at s = 0
+    mta_slope: T,
+    mtb_a: [T; 3],
+    maa_s: [T; 2],
+    mab_a: [T; 2],
+    mbb_a: [T; 2],
+    ctb_a: [T; 2],
+    cbt_a: [T; 2],
+    /// bending of both links over alpha
+    bend_aa_s: [T; 4],
+    /// 12 EI2
+    bend_bb_y: T,
+    /// A0 per negative acceleration a'', without and with s^3
+    a0_s: [T; 2],
+    a0_s3: [T; 4],
+    a2_s: [T; 8],
+    /// 24 Mp / 5, 24 Mp Lp / 5, 81 rho2 / 70
+    b2: [T; 3],
     /// share of the tip torque that works on the slew angle: 1 or 0
     tip_on_slew: T,
     /// Kelvin-Voigt time constant, s
     damping: T,
+}
+
+laned!(Constants {
+    l1,
+    inv_l1,
+    protrusion,
+    rho2,
+    rho2_l1,
+    rho2_l1_squared,
+    mp,
+    mp_lp,
+    mp_lp_3,
+    mp_lp_6,
+    j_9,
+    j_18,
+    overhang,
+    mtt_a,
+    mta_s,
+    mta_slope,
+    mtb_a,
+    maa_s,
+    mab_a,
+    mbb_a,
+    ctb_a,
+    cbt_a,
+    bend_aa_s,
+    bend_bb_y,
+    a0_s,
+    a0_s3,
+    a2_s,
+    b2,
+    tip_on_slew,
+    damping,
+});
+
+/// G0(s) of the axial load, and the parts of G1 and G2 that depend on s.
+const G0: [f64; 6] = [24.0 / 5.0, 0.0, 0.0, -12.0, 9.0, -9.0 / 5.0];
+const G1: [f64; 7] = [33.0 / 10.0, 0.0, 0.0, 0.0, -9.0, 36.0 / 5.0, -3.0 / 2.0];
+const G2: [f64; 8] = [
+    87.0 / 35.0,
+    0.0,
+    0.0,
+    0.0,
+    0.0,
+    -36.0 / 5.0,
+    6.0,
+    -9.0 / 7.0,
+];
+
+/// Coefficients of the product of two polynomials, plus `weight` times a third.
+fn product<const N: usize>(x: &[f64], y: &[f64], weight: f64, z: &[f64]) -> [f64; N] {
+    let mut sum = [0.0; N];
+    for (i, x) in x.iter().enumerate() {
+        for (j, y) in y.iter().enumerate() {
+            sum[i + j] += x * y;
+        }
+    }
+    for (sum, z) in sum.iter_mut().zip(z) {
+        *sum += weight * z;
+    }
+    sum
 }
 
 impl Constants<f64> {
@@ -43,24 +125,69 @@ impl Constants<f64> {
         let (l1, l2) = (arm.link1.length, arm.link2.length);
         let (rho1, rho2) = (arm.link1.mass_per_length, arm.link2.mass_per_length);
         let (ei1, ei2) = (arm.link1.bending_stiffness, arm.link2.bending_stiffness);
-        let cube = l1 * l1 * l1;
+        let (mp, lp, j) = (payload.mass, payload.length, payload.inertia_attachment);
+        let (square, cube) = (l1 * l1, l1 * l1 * l1);
+        let (mp_lp, protrusion) = (mp * lp, l2 - l1);
+        let stiff = 12.0 * ei2 / cube;
+        // rho2 R + Mp and Q = rho2 (L1^2 + a^2)/2 + Mp (Lp + a), as polynomials of s
+        let pull = [rho2 * l2 + mp, rho2 * l1];
+        let turning = [
+            rho2 * (square + protrusion * protrusion) / 2.0 + mp * (lp + protrusion),
+            (rho2 * protrusion + mp) * l1,
+            rho2 * square / 2.0,
+        ];
+        let a0: [f64; 7] = product(&pull, &G0, -rho2 * l1, &G1).map(|c| c / l1);
+        let a2: [f64; 8] = product(&turning, &G0, -rho2 * square / 2.0, &G2).map(|c| c / l1);
         Self {
             l1,
             inv_l1: 1.0 / l1,
-            protrusion: l2 - l1,
+            protrusion,
             rho2,
             rho2_l1: rho2 * l1,
-            mp: payload.mass,
-            mp_lp: payload.mass * payload.length,
-            lp: payload.length,
-            j: payload.inertia_attachment,
-            mta_link1: 11.0 * rho1 * l1 * l1 / 20.0,
-            maa_link1: 33.0 * rho1 * l1 / 35.0,
-            mtt_fixed: rho1 * cube / 3.0 + payload.inertia_attachment,
-            l2,
-            kaa_link1: 12.0 * ei1 / cube,
-            kaa_link2: 12.0 * ei2 / cube,
-            kbb: 12.0 * ei2,
+            rho2_l1_squared: rho2 * square,
+            mp,
+            mp_lp,
+            mp_lp_3: 3.0 * mp_lp,
+            mp_lp_6: 6.0 * mp_lp,
+            j_9: 9.0 * j,
+            j_18: 18.0 * j,
+            overhang: 1.5 * mp_lp * l1 + 3.0 * j,
+            // r^3 - c^3 of link 2's two ends: l2 (3 r^2 - 3 r l2 + l2^2)
+            mtt_a: [
+                rho1 * cube / 3.0
+                    + rho2 * l2 * (square - l1 * l2 + l2 * l2 / 3.0)
+                    + mp * l1 * (l1 + lp)
+                    + j,
+                rho2 * l2 * (2.0 * l1 - l2) + mp * (2.0 * l1 + lp),
+                rho2 * l2 + mp,
+            ],
+            mta_s: [
+                11.0 / 20.0 * (rho1 + rho2) * square
+                    + rho2 * (l2 * l2 - square)
+                    + mp * (2.0 * l2 + lp),
+                2.0 * (rho2 * l2 + mp) * l1,
+            ],
+            mta_slope: 2.0 * (rho2 * l2 + mp),
+            mtb_a: [
+                mp * (2.0 * l1 + 2.5 * lp),
+                0.75 * rho2 * l1 + 2.0 * mp,
+                0.55 * rho2,
+            ],
+            maa_s: [
+                33.0 / 35.0 * (rho1 + rho2) * l1 + 4.0 * (rho2 * protrusion + mp),
+                4.0 * rho2 * l1,
+            ],
+            mab_a: [4.0 * mp, 1.5 * rho2],
+            mbb_a: [4.0 * mp, 33.0 / 35.0 * rho2],
+            ctb_a: [2.0 * mp - 0.5 * rho2 * l1, 0.2 * rho2],
+            cbt_a: [2.0 * (rho2 * l1 + mp), 2.0 * rho2],
+            // 12 EI1 / L1^3 + 12 EI2 (1 - s)^3 / L1^3
+            bend_aa_s: [12.0 * ei1 / cube + stiff, -3.0 * stiff, 3.0 * stiff, -stiff],
+            bend_bb_y: 12.0 * ei2,
+            a0_s: [a0[0], a0[1]],
+            a0_s3: [a0[3], a0[4], a0[5], a0[6]],
+            a2_s: a2,
+            b2: [24.0 / 5.0 * mp, 24.0 / 5.0 * mp_lp, 81.0 / 70.0 * rho2],
             tip_on_slew: match dynamics.tip_torque {
                 TipTorque::SlewAndTip => 1.0,
                 TipTorque::TipOnly => 0.0,
@@ -104,33 +231,6 @@ pub struct Axial<T> {
     pub b2_rate: T,
 }
 
-impl Constants<f64> {
-    /// The same constants in every lane.
-    #[inline(always)]
-    pub(crate) fn spread<const N: usize>(&self) -> Constants<Pack<N>> {
-        Constants {
-            l1: Pack::splat(self.l1),
-            inv_l1: Pack::splat(self.inv_l1),
-            protrusion: Pack::splat(self.protrusion),
-            rho2: Pack::splat(self.rho2),
-            rho2_l1: Pack::splat(self.rho2_l1),
-            mp: Pack::splat(self.mp),
-            mp_lp: Pack::splat(self.mp_lp),
-            lp: Pack::splat(self.lp),
-            j: Pack::splat(self.j),
-            mta_link1: Pack::splat(self.mta_link1),
-            maa_link1: Pack::splat(self.maa_link1),
-            mtt_fixed: Pack::splat(self.mtt_fixed),
-            l2: Pack::splat(self.l2),
-            kaa_link1: Pack::splat(self.kaa_link1),
-            kaa_link2: Pack::splat(self.kaa_link2),
-            kbb: Pack::splat(self.kbb),
-            tip_on_slew: Pack::splat(self.tip_on_slew),
-            damping: Pack::splat(self.damping),
-        }
-    }
-}
-
 impl<T: Lane> Constants<T> {
     /// M, C, K and the axial load at a length with its rate and acceleration.
     ///
@@ -146,115 +246,100 @@ impl<T: Lane> Constants<T> {
             rate: ad,
             accel: add,
         } = *extension;
-        let (l1, rho2, rho2_l1) = (self.l1, self.rho2, self.rho2_l1);
-        let (mp, mp_lp, j) = (self.mp, self.mp_lp, self.j);
-
-        let ia = a.recip();
-        let r = l1 + a;
+        let y = a.recip();
         let s = (a - self.protrusion) * self.inv_l1;
         let s2 = s * s;
         let s3 = s2 * s;
-        let s4 = s2 * s2;
-        let s5 = s4 * s;
-        let s6 = s4 * s2;
-        let s7 = s4 * s3;
-        let g = s2 * 3.0 - s3;
-        let g2 = g * g;
-        // 1 - c^3 ... of link 2's two ends: r^3 - c^3 = l2 (r^2 + r c + c^2)
-        let c = r - self.l2;
-        let cubes = self.l2 * (r * r + r * c + c * c);
-        // overhang terms that recur
-        let mp_lp_ia = mp_lp * ia;
-        let overhang = (mp_lp * l1 * 3.0 + j * 6.0) * ia * ia;
+        let g = s2.negated_mul_add(s, s2 * 3.0);
 
-        let mtt = self.mtt_fixed + rho2 * cubes * (1.0 / 3.0) + mp * r * (r + self.lp);
-        let mta = self.mta_link1
-            + rho2_l1 * l1 * (s5 * 0.2 - s4 * 0.75 + 0.55)
-            + rho2 * (r * r - l1 * l1)
-            + mp * r * 2.0
-            + mp_lp;
-        let mtb = rho2 * a * (l1 * 0.75 + a * 0.55)
-            + mp * r * 2.0
-            + mp_lp * 2.5
-            + mp_lp_ia * l1 * 1.5
-            + j * ia * 3.0;
-        let maa = self.maa_link1
-            + rho2_l1 * (s6 - s5 * 1.8 - s7 * (1.0 / 7.0) + 33.0 / 35.0)
-            + (rho2 * a + mp) * 4.0;
-        let mab = rho2 * a * 1.5 + mp * 4.0 + mp_lp_ia * 3.0;
-        let mbb = rho2 * a * (33.0 / 35.0) + mp * 4.0 + mp_lp_ia * 6.0 + j * ia * ia * 9.0;
+        // s + ... + s^4 of Mta above s^0: m1 s + rho2 L1^2 s^2 (1 - 3 s^2/4 + s^3/5)
+        let fade = s2.mul_add(s.mul_add(T::splat(0.2), T::splat(-0.75)), T::splat(1.0));
+        let mta = s.mul_add(
+            (self.rho2_l1_squared * s).mul_add(fade, self.mta_s[1]),
+            self.mta_s[0],
+        );
+        let mta_slope = self
+            .rho2_l1
+            .mul_add(s * s2.mul_add(s - 3.0, T::splat(2.0)), self.mta_slope);
+        // s^5 (s - 9/5 - s^2/7)
+        let tail = (s2 * s3)
+            * s.mul_add(
+                s.mul_add(T::splat(-1.0 / 7.0), T::splat(1.0)),
+                T::splat(-1.8),
+            );
+        let maa = self.rho2_l1.mul_add(tail, s.polynomial(&self.maa_s));
+        let bend_aa = s.polynomial(&self.bend_aa_s);
+        let pressed = s3.mul_add(s.polynomial(&self.a0_s3), s.polynomial(&self.a0_s));
+        let (a2, a2_slope) = if AXIAL { self.turning(s) } else { (zero, zero) };
 
-        let ctt = ad * (rho2 * (r * r - c * c) + mp * r * 2.0 + mp_lp);
-        let mta_rate = ad * (rho2 * r * 2.0 + mp * 2.0 - rho2_l1 * s * g);
-        let caa = ad * rho2 * (T::splat(4.0) - g2);
-        let cbb = ad * (rho2 * (33.0 / 35.0) - mp_lp_ia * ia * 6.0 - j * ia * ia * ia * 18.0);
+        let mtt = a.polynomial(&self.mtt_a);
+        let mtt_slope = (self.mtt_a[2] * 2.0).mul_add(a, self.mtt_a[1]);
+        let mtb = self.overhang.mul_add(y, a.polynomial(&self.mtb_a));
+        let mab = self.mp_lp_3.mul_add(y, a.polynomial(&self.mab_a));
+        let mbb = y.mul_add(self.j_9.mul_add(y, self.mp_lp_6), a.polynomial(&self.mbb_a));
 
-        let one_minus_s = T::splat(1.0) - s;
-        let bend_aa = self.kaa_link1 + self.kaa_link2 * one_minus_s * one_minus_s * one_minus_s;
-        let bend_bb = self.kbb * ia * ia * ia;
+        let y2 = y * y;
         let ad2 = ad * ad;
+        let stretch = ad2 * y;
+        // recurs in what the deployment adds to K: (2 a'^2/a - a'')/a^2
+        let shift = y2 * (stretch * 2.0 - add);
+        let slope_bb = shift * self.j_9.mul_add(y, self.mp_lp_3);
+        let bend_bb = self.bend_bb_y * (y2 * y);
 
-        let (cta, cat, cab, cba, ctb, cbt, kta, ktb, kaa, kab, kbb);
+        let (ctt, ctb, cbt, cab, cba, cta, cat);
+        let (kta, ktb, kaa, kab, kbb);
+        let wide = self.rho2.mul_add(T::splat(4.0), -(self.rho2 * (g * g)));
         if FOLLOW {
-            let quarter = s4 * 0.25 - s3 + 0.75;
-            let f = rho2_l1 * quarter + rho2 * a * 2.0 + mp * 2.0;
-            let n = rho2_l1 * (T::splat(2.0) - s * g) - rho2_l1 * quarter - f;
             let gs = s * 6.0 - s2 * 3.0;
-            let g0 = T::splat(24.0 / 5.0) - (s3 * 12.0 - s4 * 9.0 + s5 * 1.8);
-            cta = mta_rate + ad * n;
-            cat = ad * f * 2.0;
-            cab = ad * (rho2 * 3.0 - mp_lp_ia * ia * 6.0);
+            let g0 = s3.mul_add(
+                s.mul_add(s.mul_add(T::splat(G0[5]), T::splat(G0[4])), T::splat(G0[3])),
+                T::splat(G0[0]),
+            );
+            let quarter = s3.mul_add(s * 0.25 - 1.0, T::splat(0.75));
+            let f = self.rho2_l1 * quarter + (self.rho2 * a + self.mp) * 2.0;
+            let n = self.rho2_l1 * (T::splat(2.0) - s * g) - self.rho2_l1 * quarter - f;
+            let mp_lp_y = self.mp_lp * y;
+            cta = mta_slope + n;
+            cat = f * 2.0;
+            cab = self.rho2 * 3.0 - self.mp_lp_6 * y2;
             cba = zero;
-            ctb = ad * (rho2_l1 * 1.5 + rho2 * a * 0.7 - mp_lp_ia * 3.0 - overhang);
-            cbt = ad * (rho2 * a * 1.5 + mp * 4.0 + mp_lp_ia * 3.0);
-            kta = add * n + ad2 * rho2 * (g - s * gs - 2.0);
-            ktb = ad2 * (overhang * ia + mp_lp_ia * ia * 3.0 - rho2 * 0.4)
-                + add
-                    * (rho2_l1 * 0.75
-                        - rho2 * a * 0.4
-                        - mp * 2.0
-                        - mp_lp_ia * 3.0
-                        - overhang * 0.5);
-            kaa = bend_aa
-                + rho2 * (add * (T::splat(4.0) - g2) * 0.5 - ad2 * (g * gs + g0) * self.inv_l1);
-            kab = ad2 * mp_lp_ia * ia * ia * 6.0 + add * (rho2 * 1.5 - mp_lp_ia * ia * 3.0);
-            kbb = bend_bb
-                + ad2 * ia * (j * ia * ia * ia * 18.0 + mp_lp_ia * ia * 6.0 - rho2 * (24.0 / 35.0))
-                + add * (rho2 * (33.0 / 70.0) - j * ia * ia * ia * 9.0 - mp_lp_ia * ia * 3.0);
+            ctb =
+                self.rho2_l1 * 1.5 + self.rho2 * a * 0.7 - mp_lp_y * 3.0 - self.overhang * 2.0 * y2;
+            cbt = self.rho2 * a * 1.5 + self.mp * 4.0 + mp_lp_y * 3.0;
+            kta = add * n + ad2 * self.rho2 * (g - s * gs - 2.0);
+            ktb = shift * self.overhang + mp_lp_y * 3.0 * (stretch - add) - ad2 * self.rho2 * 0.4
+                + add * (self.rho2_l1 * 0.75 - self.rho2 * a * 0.4 - self.mp * 2.0);
+            kaa = bend_aa + add * wide * 0.5 - ad2 * self.rho2 * (g * gs + g0) * self.inv_l1;
+            kab = shift * self.mp_lp_3 + add * self.rho2 * 1.5;
+            kbb = bend_bb + slope_bb - stretch * self.rho2 * (24.0 / 35.0)
+                + add * self.rho2 * (33.0 / 70.0);
         } else {
-            cta = mta_rate;
-            cat = mta_rate;
-            cab = -(ad * (rho2 + mp_lp_ia * ia * 6.0));
-            cba = ad * rho2 * 4.0;
-            ctb = ad * (rho2 * (a * 0.2 - l1 * 0.5) + mp * 2.0 - mp_lp_ia * 1.5 - overhang);
-            cbt = ad * (rho2 * r * 2.0 + mp * 2.0 + mp_lp_ia * 1.5);
+            let mp_lp_y = self.mp_lp * (y * 1.5);
+            cta = mta_slope;
+            cat = mta_slope;
+            cab = -(self.mp_lp_6.mul_add(y2, self.rho2));
+            cba = self.rho2 * 4.0;
+            ctb = a.polynomial(&self.ctb_a) - (self.overhang * 2.0).mul_add(y2, mp_lp_y);
+            cbt = a.polynomial(&self.cbt_a) + mp_lp_y;
             kta = zero;
-            ktb = ad2 * (mp_lp_ia * ia * 1.5 + overhang * ia - rho2 * 0.9)
-                - add * (rho2 * (l1 * 1.25 + a * 0.9) + mp_lp_ia * 1.5 + overhang * 0.5);
+            let bent = a.mul_add(T::splat(0.9), self.l1 * 1.25);
+            ktb = shift.mul_add(self.overhang, mp_lp_y * (stretch - add))
+                - self.rho2 * add.mul_add(bent, ad2 * 0.9);
             kaa = bend_aa;
-            kab = ad2 * mp_lp_ia * ia * ia * 6.0 - add * (rho2 * 2.5 + mp_lp_ia * ia * 3.0);
-            kbb = bend_bb
-                + ad2 * ia * (j * ia * ia * ia * 18.0 + mp_lp_ia * ia * 6.0 - rho2 * (87.0 / 35.0))
-                - add * (rho2 * (107.0 / 70.0) + mp_lp_ia * ia * 3.0 + j * ia * ia * ia * 9.0);
+            kab = shift.mul_add(self.mp_lp_3, -(self.rho2 * (add * 2.5)));
+            kbb = (bend_bb + slope_bb)
+                - self.rho2 * stretch.mul_add(T::splat(87.0 / 35.0), add * (107.0 / 70.0));
         }
+        ctt = mtt_slope;
 
         let axial = if AXIAL {
-            let gs = s * 6.0 - s2 * 3.0;
-            let gs2 = gs * gs;
-            let g0 = T::splat(24.0 / 5.0) - (s3 * 12.0 - s4 * 9.0 + s5 * 1.8);
-            let g1 = T::splat(3.3) - (s4 * 9.0 - s5 * 7.2 + s6 * 1.5);
-            let g2 = T::splat(87.0 / 35.0) - (s5 * 7.2 - s6 * 6.0 + s7 * (9.0 / 7.0));
-            let load = rho2 * (l1 * l1 + a * a) * 0.5 + mp_lp + mp * a;
-            let inv_l1 = self.inv_l1;
             Axial {
-                a0: -(add * inv_l1) * ((rho2 * r + mp) * g0 - rho2_l1 * g1),
-                a2: (load * g0 - rho2_l1 * l1 * g2 * 0.5) * inv_l1,
-                a2_rate: ad
-                    * inv_l1
-                    * ((rho2 * a + mp) * g0 - load * gs2 * inv_l1 + rho2_l1 * s2 * gs2 * 0.5),
-                b0: -add * (mp * ia * (24.0 / 5.0) + rho2 * 1.5),
-                b2: (mp + mp_lp_ia) * (24.0 / 5.0) + rho2 * a * (81.0 / 70.0),
-                b2_rate: ad * (rho2 * (81.0 / 70.0) - mp_lp_ia * ia * (24.0 / 5.0)),
+                a0: -(add * pressed),
+                a2,
+                a2_rate: ad * a2_slope,
+                b0: -(add * self.b2[0].mul_add(y, self.rho2 * 1.5)),
+                b2: self.b2[2].mul_add(a, self.b2[1].mul_add(y, self.b2[0])),
+                b2_rate: ad * self.b2[1].negated_mul_add(y2, self.b2[2]),
             }
         } else {
             Axial {
@@ -267,137 +352,179 @@ impl<T: Lane> Constants<T> {
             }
         };
 
+        let cbb = y2.negated_mul_add(self.j_18.mul_add(y, self.mp_lp_6), self.mbb_a[1]);
         Matrices {
             mass: [[mtt, mta, mtb], [mta, maa, mab], [mtb, mab, mbb]],
             velocity: [
-                [ctt, cta, ctb],
-                [cat, caa + self.damping * bend_aa, cab],
-                [cbt, cba, cbb + self.damping * bend_bb],
+                [ad * ctt, ad * cta, ad * ctb],
+                [ad * cat, ad.mul_add(wide, self.damping * bend_aa), ad * cab],
+                [ad * cbt, ad * cba, ad.mul_add(cbb, self.damping * bend_bb)],
             ],
             stiffness: [[zero, kta, ktb], [zero, kaa, kab], [zero, zero, kbb]],
             axial,
-            tip_slope: ia * 3.0,
+            tip_slope: y * 3.0,
             tip_on_slew: self.tip_on_slew,
         }
     }
+
+    /// A2 and dA2/da.
+    #[inline(always)]
+    fn turning(&self, s: T) -> (T, T) {
+        let c = &self.a2_s;
+        let (mut value, mut slope) = (c[7], c[7]);
+        for i in (1..7).rev() {
+            value = value.mul_add(s, c[i]);
+            slope = slope.mul_add(s, value);
+        }
+        (value.mul_add(s, c[0]), slope * self.inv_l1)
+    }
 }
 
-/// The matrices made ready for a step: the elastic block of M is factorised (M = L D L^T in the
-/// order alpha, beta, theta), since the axial load enters the last pivot alone.
+/// The matrices made ready for a step: the elastic block of M is inverted, since the axial load
+/// enters the slew angle's pivot alone.
 #[derive(Debug, Clone, Copy)]
 pub struct Prepared<T> {
-    matrices: Matrices<T>,
-    inv_d_alpha: T,
-    l_beta_alpha: T,
-    inv_d_beta: T,
-    l_theta_alpha: T,
-    l_theta_beta: T,
-    d_theta: T,
+    velocity: [[T; 3]; 3],
+    /// Row of the slew angle over alpha and beta.
+    k_theta: [T; 2],
     /// Stiffness of alpha and beta with the part of the axial load that a'' makes.
     k_alpha: T,
     k_beta: T,
+    k_cross: T,
+    a2: T,
+    a2_rate: T,
+    b2: T,
+    b2_rate: T,
+    tip_slope: T,
+    tip_on_slew: T,
+    /// Inverse of the elastic block: alpha alpha, alpha beta, beta beta.
+    inverse: [T; 3],
+    /// The inverse times the coupling with the slew angle.
+    coupling: [T; 2],
+    /// The slew angle's pivot without the axial load.
+    pivot: T,
 }
 
-impl<const N: usize> Prepared<Pack<N>> {
-    /// One lane.
-    #[inline(always)]
-    pub(crate) fn lane(&self, index: usize) -> Prepared<f64> {
-        let grid = |rows: &[[Pack<N>; 3]; 3]| rows.map(|row| row.map(|value| value.0[index]));
-        let Matrices {
-            mass,
-            velocity,
-            stiffness,
-            axial,
-            tip_slope,
-            tip_on_slew,
-        } = &self.matrices;
-        Prepared {
-            matrices: Matrices {
-                mass: grid(mass),
-                velocity: grid(velocity),
-                stiffness: grid(stiffness),
-                axial: Axial {
-                    a0: axial.a0.0[index],
-                    a2: axial.a2.0[index],
-                    a2_rate: axial.a2_rate.0[index],
-                    b0: axial.b0.0[index],
-                    b2: axial.b2.0[index],
-                    b2_rate: axial.b2_rate.0[index],
-                },
-                tip_slope: tip_slope.0[index],
-                tip_on_slew: tip_on_slew.0[index],
-            },
-            inv_d_alpha: self.inv_d_alpha.0[index],
-            l_beta_alpha: self.l_beta_alpha.0[index],
-            inv_d_beta: self.inv_d_beta.0[index],
-            l_theta_alpha: self.l_theta_alpha.0[index],
-            l_theta_beta: self.l_theta_beta.0[index],
-            d_theta: self.d_theta.0[index],
-            k_alpha: self.k_alpha.0[index],
-            k_beta: self.k_beta.0[index],
-        }
-    }
-}
+laned!(Prepared {
+    velocity,
+    k_theta,
+    k_alpha,
+    k_beta,
+    k_cross,
+    a2,
+    a2_rate,
+    b2,
+    b2_rate,
+    tip_slope,
+    tip_on_slew,
+    inverse,
+    coupling,
+    pivot,
+});
 
 impl<T: Lane> Prepared<T> {
-    /// Factorises the elastic block.
+    /// Inverts the elastic block.
     #[inline(always)]
     pub fn new(matrices: Matrices<T>) -> Self {
         let [[mtt, mta, mtb], [_, maa, mab], [_, _, mbb]] = matrices.mass;
-        let inv_d_alpha = maa.recip();
-        let l_beta_alpha = mab * inv_d_alpha;
-        let inv_d_beta = (mbb - l_beta_alpha * mab).recip();
-        let l_theta_alpha = mta * inv_d_alpha;
-        let rest = mtb - l_theta_alpha * mab;
-        let l_theta_beta = rest * inv_d_beta;
+        let per_determinant = mab.negated_mul_add(mab, maa * mbb).recip();
+        let inverse = [
+            mbb * per_determinant,
+            -(mab * per_determinant),
+            maa * per_determinant,
+        ];
+        let coupling = [
+            inverse[0].mul_add(mta, inverse[1] * mtb),
+            inverse[1].mul_add(mta, inverse[2] * mtb),
+        ];
+        let [[_, kta, ktb], [_, kaa, kab], [_, _, kbb]] = matrices.stiffness;
+        let Axial {
+            a0,
+            a2,
+            a2_rate,
+            b0,
+            b2,
+            b2_rate,
+        } = matrices.axial;
         Self {
-            k_alpha: matrices.stiffness[1][1] + matrices.axial.a0,
-            k_beta: matrices.stiffness[2][2] + matrices.axial.b0,
-            matrices,
-            inv_d_alpha,
-            l_beta_alpha,
-            inv_d_beta,
-            l_theta_alpha,
-            l_theta_beta,
-            d_theta: mtt - l_theta_alpha * mta - l_theta_beta * rest,
+            velocity: matrices.velocity,
+            k_theta: [kta, ktb],
+            k_alpha: kaa + a0,
+            k_beta: kbb + b0,
+            k_cross: kab,
+            a2,
+            a2_rate,
+            b2,
+            b2_rate,
+            tip_slope: matrices.tip_slope,
+            tip_on_slew: matrices.tip_on_slew,
+            inverse,
+            coupling,
+            pivot: coupling[1].negated_mul_add(mtb, coupling[0].negated_mul_add(mta, mtt)),
         }
     }
 
-    /// q'' (rad/s^2, m/s^2, m/s^2) from q, q' and the torques.
+    /// q'' (rad/s^2, m/s^2, m/s^2) from q, q' and the torques. Without `FOLLOW` the particle-following
+    /// correction's stiffness between theta and alpha is known to be zero.
     #[inline(always)]
-    pub fn acceleration(&self, q: &[T; 3], v: &[T; 3], torques: &Torques<T>) -> [T; 3] {
-        let Matrices {
-            velocity: c,
-            stiffness: k,
-            axial: x,
-            ..
-        } = &self.matrices;
+    pub fn acceleration<const FOLLOW: bool>(
+        &self,
+        q: &[T; 3],
+        v: &[T; 3],
+        torques: &Torques<T>,
+    ) -> [T; 3] {
+        let [[ctt, cta, ctb], [cat, caa, cab], [cbt, cba, cbb]] = self.velocity;
+        let [kta, ktb] = self.k_theta;
+        let [to_alpha, to_beta] = self.coupling;
+        let [e_aa, e_ab, e_bb] = self.inverse;
         let [_, alpha, beta] = *q;
         let [rate, alpha_rate, beta_rate] = *v;
-        let rate2 = rate * rate;
+
         let (alpha2, beta2) = (alpha * alpha, beta * beta);
+        let per_pivot = self
+            .b2
+            .negated_mul_add(beta2, self.a2.negated_mul_add(alpha2, self.pivot))
+            .recip();
+        let (turned_alpha, turned_beta) = (self.a2 * alpha, self.b2 * beta);
+        let rate2 = rate * rate;
+        // half the Coriolis torque of the axial load per slew rate
+        let coriolis = turned_alpha
+            .mul_add(alpha_rate, turned_beta * beta_rate)
+            .mul_add(
+                T::splat(2.0),
+                self.a2_rate.mul_add(alpha2, self.b2_rate * beta2),
+            );
+        let load = self.tip_on_slew.mul_add(torques.tip, torques.root) + torques.slew;
+        let held = if FOLLOW {
+            kta.negated_mul_add(alpha, load)
+        } else {
+            load
+        };
+        let f_theta = rate.mul_add(
+            coriolis - ctt,
+            ktb.negated_mul_add(beta, held) - ctb.mul_add(beta_rate, cta * alpha_rate),
+        );
+        let f_alpha = turned_alpha.negated_mul_add(
+            rate2,
+            -(cat.mul_add(rate, caa * alpha_rate))
+                - self
+                    .k_alpha
+                    .mul_add(alpha, cab.mul_add(beta_rate, self.k_cross * beta)),
+        );
+        let f_beta = turned_beta.negated_mul_add(
+            rate2,
+            cbt.negated_mul_add(rate, self.tip_slope * torques.tip)
+                - self
+                    .k_beta
+                    .mul_add(beta, cba.mul_add(alpha_rate, cbb * beta_rate)),
+        );
 
-        // Sums are paired and the last pivot is inverted beside them: one trajectory is bound by the
-        // length of this chain, not by the number of operations.
-        let inv_pivot = (self.d_theta - (x.a2 * alpha2 + x.b2 * beta2)).recip();
-        let load = self.matrices.tip_on_slew * torques.tip + (torques.root + torques.slew);
-        let coriolis = (x.a2 * alpha * alpha_rate + x.b2 * beta * beta_rate) * 2.0
-            + (x.a2_rate * alpha2 + x.b2_rate * beta2);
-        let f_theta = ((load - c[0][0] * rate) - (c[0][1] * alpha_rate + c[0][2] * beta_rate))
-            + (rate * coriolis - (k[0][1] * alpha + k[0][2] * beta));
-        let f_alpha = -((c[1][0] * rate + c[1][1] * alpha_rate)
-            + (c[1][2] * beta_rate + k[1][2] * beta))
-            - (self.k_alpha + x.a2 * rate2) * alpha;
-        let f_beta = ((self.matrices.tip_slope * torques.tip - c[2][0] * rate)
-            - (c[2][1] * alpha_rate + c[2][2] * beta_rate))
-            - (self.k_beta + x.b2 * rate2) * beta;
-
-        let z_beta = f_beta - self.l_beta_alpha * f_alpha;
-        let z_theta = (f_theta - self.l_theta_alpha * f_alpha) - self.l_theta_beta * z_beta;
-        let theta = z_theta * inv_pivot;
-        let beta = z_beta * self.inv_d_beta - self.l_theta_beta * theta;
-        let alpha =
-            (f_alpha * self.inv_d_alpha - self.l_theta_alpha * theta) - self.l_beta_alpha * beta;
-        [theta, alpha, beta]
+        let theta =
+            to_beta.negated_mul_add(f_beta, to_alpha.negated_mul_add(f_alpha, f_theta)) * per_pivot;
+        [
+            theta,
+            to_alpha.negated_mul_add(theta, e_aa.mul_add(f_alpha, e_ab * f_beta)),
+            to_beta.negated_mul_add(theta, e_ab.mul_add(f_alpha, e_bb * f_beta)),
+        ]
     }
 }

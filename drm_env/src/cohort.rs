@@ -1,0 +1,432 @@
+//! Environments that are stepped side by side, one a lane: episodes drawn from one configuration.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{Actuator, EnvConfig, Task};
+use crate::control::WheelTorques;
+use crate::error::ConfigError;
+use crate::flight::{Flight, Pilot, Plan, lanes_of};
+use crate::lane::{Laned, Number};
+use crate::parameter::Overrides;
+use crate::rng::{Purpose, Seed, Stream};
+use crate::scenario::Scenario;
+use crate::task::{
+    RewardScale, RewardSums, charge_for_rest, frame_size, lost, observation_size, observe,
+    told_payload,
+};
+use crate::vector::{Vector, Work};
+
+/// Where an environment is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) enum Phase {
+    Fresh,
+    Running,
+    Ended,
+}
+
+/// What one environment has beside its flight.
+#[derive(Debug, Clone)]
+pub(crate) struct Member {
+    pub(crate) seed: Seed,
+    pub(crate) episode: u64,
+    pub(crate) phase: Phase,
+    /// Overrides of what is drawn, in every episode.
+    pub(crate) persistent: Overrides,
+}
+
+/// What all environments of one configuration have in common.
+#[derive(Debug)]
+pub(crate) struct Setup {
+    pub(crate) config: EnvConfig,
+    pub(crate) fingerprint: u64,
+    pub(crate) scale: RewardScale,
+    pub(crate) frame_size: usize,
+    pub(crate) observation_size: usize,
+    samples_per_action: usize,
+    horizon: u64,
+}
+
+impl Setup {
+    pub(crate) fn new(config: &Arc<EnvConfig>) -> Result<Arc<Self>, ConfigError> {
+        config.validate()?;
+        Ok(Arc::new(Self {
+            fingerprint: crate::env::fingerprint(config),
+            scale: RewardScale::new(&config.task.reward),
+            frame_size: frame_size(&config.task),
+            observation_size: observation_size(config),
+            samples_per_action: config.samples_per_action(),
+            horizon: config.scenario.samples() as u64,
+            config: (**config).clone(),
+        }))
+    }
+}
+
+/// An episode about to begin.
+#[derive(Debug, Clone)]
+pub(crate) struct Draft {
+    pub(crate) seed: Seed,
+    pub(crate) episode: u64,
+    pub(crate) scenario: Scenario,
+}
+
+/// What a step returns besides the observations; flags are a bit a lane.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Outcomes<T> {
+    pub(crate) reward: T,
+    pub(crate) terminated: u32,
+    pub(crate) truncated: u32,
+}
+
+/// `T::WIDTH` environments of one configuration.
+#[derive(Debug, Clone)]
+pub struct Cohort<T: Number> {
+    pub(crate) setup: Arc<Setup>,
+    pub(crate) members: Vec<Member>,
+    pub(crate) flight: Flight<T>,
+    /// Payload as it is observed: mass (kg), length and width (m).
+    pub(crate) payload: [T; 3],
+    pub(crate) steps: T,
+    pub(crate) action: [T; 3],
+    pub(crate) terms: [T; 3],
+    pub(crate) episode_return: T,
+    /// Lanes whose episode ended by divergence or at a limit, a bit each.
+    pub(crate) diverged: u32,
+    /// One row a lane, oldest frame first.
+    pub(crate) observations: Vec<f32>,
+}
+
+impl<T: Number> Cohort<T> {
+    /// The same environment in every lane.
+    pub(crate) fn spread(single: &Cohort<f64>) -> Self {
+        Self {
+            setup: Arc::clone(&single.setup),
+            members: vec![single.members[0].clone(); T::WIDTH],
+            flight: Flight::spread(&single.flight),
+            payload: Laned::spread(&single.payload),
+            steps: T::splat(single.steps),
+            action: Laned::spread(&single.action),
+            terms: Laned::spread(&single.terms),
+            episode_return: T::splat(single.episode_return),
+            diverged: if single.diverged == 0 { 0 } else { u32::MAX },
+            observations: single.observations.repeat(T::WIDTH),
+        }
+    }
+
+    /// The environment of one lane.
+    pub(crate) fn one(&self, lane: usize) -> Cohort<f64> {
+        Cohort {
+            setup: Arc::clone(&self.setup),
+            members: vec![self.members[lane].clone()],
+            flight: self.flight.one(lane),
+            payload: self.payload.lane_of(lane),
+            steps: self.steps.lane(lane),
+            action: self.action.lane_of(lane),
+            terms: self.terms.lane_of(lane),
+            episode_return: self.episode_return.lane(lane),
+            diverged: self.diverged >> lane & 1,
+            observations: self.observation_of(lane).to_vec(),
+        }
+    }
+
+    /// Replaces the environment of one lane by another of the same configuration.
+    pub(crate) fn put(&mut self, lane: usize, single: &Cohort<f64>) {
+        self.members[lane].clone_from(&single.members[0]);
+        self.flight.put(lane, &single.flight);
+        self.payload.put_lane(lane, &single.payload);
+        self.steps.put_lane(lane, &single.steps);
+        self.action.put_lane(lane, &single.action);
+        self.terms.put_lane(lane, &single.terms);
+        self.episode_return.put_lane(lane, &single.episode_return);
+        self.diverged = self.diverged & !(1 << lane) | single.diverged << lane;
+        let size = self.setup.observation_size;
+        self.observations[lane * size..][..size].copy_from_slice(&single.observations);
+    }
+
+    /// Observation of one lane, scaled, oldest frame first.
+    pub(crate) fn observation_of(&self, lane: usize) -> &[f32] {
+        let size = self.setup.observation_size;
+        &self.observations[lane * size..][..size]
+    }
+
+    /// Draws the next episode of a lane: the first of a seed, or the one after the present.
+    ///
+    /// # Errors
+    /// A scenario that cannot be flown.
+    pub(crate) fn draw(
+        &self,
+        lane: usize,
+        seed: Option<Seed>,
+        once: &Overrides,
+    ) -> Result<Draft, ConfigError> {
+        let member = &self.members[lane];
+        let (seed, episode) = match (seed, member.phase) {
+            (Some(seed), _) => (seed, 0),
+            (None, Phase::Fresh) => (member.seed, 0),
+            (None, _) => (member.seed, member.episode + 1),
+        };
+        let overrides = [&member.persistent, once];
+        Ok(Draft {
+            seed,
+            episode,
+            scenario: self.setup.config.draw(seed, episode, &overrides)?,
+        })
+    }
+
+    /// Overrides what is drawn in every later episode of a lane, until called again.
+    ///
+    /// # Errors
+    /// Settings with which the configuration cannot be flown; nothing has changed then.
+    pub(crate) fn set_lane_context(
+        &mut self,
+        lane: usize,
+        settings: Overrides,
+    ) -> Result<(), ConfigError> {
+        self.check_context(lane, &settings)?;
+        self.members[lane].persistent = settings;
+        Ok(())
+    }
+
+    /// Refuses settings with which the configuration cannot be flown.
+    pub(crate) fn check_context(
+        &self,
+        lane: usize,
+        settings: &Overrides,
+    ) -> Result<(), ConfigError> {
+        let member = &self.members[lane];
+        let config = &self.setup.config;
+        config.draw(member.seed, member.episode, &[settings])?;
+        Ok(())
+    }
+
+    /// Begins an episode in a lane.
+    ///
+    /// # Errors
+    /// Parameters that no arm has; nothing has changed then.
+    pub(crate) fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
+        let noise = Stream::new(draft.seed, draft.episode, Purpose::Sensors);
+        let flight = Flight::new(Plan::of_valid(&draft.scenario)?, noise)?;
+        self.flight.put(lane, &flight);
+        let member = &mut self.members[lane];
+        member.seed = draft.seed;
+        member.episode = draft.episode;
+        member.phase = Phase::Running;
+        let setup = Arc::clone(&self.setup);
+        let payload = told_payload(flight.plan(), &setup.config.task);
+        self.payload.put_lane(lane, &payload);
+        self.steps.set_lane(lane, 0.0);
+        self.action.put_lane(lane, &[0.0; 3]);
+        self.terms.put_lane(lane, &[0.0; 3]);
+        self.episode_return.set_lane(lane, 0.0);
+        self.diverged &= !(1 << lane);
+        let mut frame = vec![0.0; setup.frame_size];
+        let mut place = Some(frame.as_mut_slice());
+        observe(&flight, &setup.config.task, &payload, 1, |_| {
+            place.take().unwrap_or_default()
+        });
+        let size = setup.observation_size;
+        for row in self.observations[lane * size..][..size].chunks_exact_mut(frame.len()) {
+            row.copy_from_slice(&frame);
+        }
+        Ok(())
+    }
+
+    /// One control period of the lanes whose bits are set, which must be running, under finite
+    /// actions, a row a lane; entries beyond -1..=1 are limited to it.
+    pub(crate) fn step_lanes(&mut self, actions: &[f32], lanes: u32) -> Outcomes<T>
+    where
+        T: Vector,
+    {
+        T::enter(Step {
+            cohort: self,
+            actions,
+            lanes,
+        })
+    }
+
+    #[inline(always)]
+    fn step_inlined(&mut self, actions: &[f32], lanes: u32) -> Outcomes<T>
+    where
+        T: Vector,
+    {
+        let setup = Arc::clone(&self.setup);
+        let task = &setup.config.task;
+        let held = self.hold(actions, lanes, task);
+        let fixed = self.flight.fixed();
+        let zero = T::splat(0.0);
+        let mut command = WheelTorques {
+            root: zero,
+            tip: zero,
+        };
+        let mut slew = None;
+        for (actuator, fraction) in task.actuators.iter().zip(held) {
+            match actuator {
+                Actuator::RootWheel => command.root = fraction * fixed.root.torque,
+                Actuator::TipWheel => command.tip = fraction * fixed.tip.torque,
+                Actuator::SlewMotor => {
+                    slew = Some(fraction * setup.config.scenario.slew_motor.torque_limit);
+                }
+            }
+        }
+        let horizon = T::splat(setup.horizon as f64);
+        let left = (horizon - self.flight.common.sample).max(zero);
+        let samples = left.min(T::splat(setup.samples_per_action as f64));
+        let mut agent = Agent {
+            task,
+            scale: &setup.scale,
+            command,
+            slew,
+            samples,
+            flown: zero,
+            sums: RewardSums::none(),
+            lost: 0,
+        };
+        let spent = zero.below(samples).bits() ^ (u32::MAX >> (32 - T::WIDTH));
+        self.flight.rest(!lanes | spent);
+        if lanes & !spent != 0 {
+            self.flight.fly(setup.samples_per_action, &mut agent);
+        }
+        let Agent {
+            flown, sums, lost, ..
+        } = agent;
+        let period = self.flight.sample_period();
+        let mut terms = sums.terms(&setup.scale, flown * period);
+        for lane in lanes_of(lost) {
+            let rest = (left.lane(lane) - flown.lane(lane)) * period;
+            let reach = self.flight.reach().lane(lane);
+            let charge = charge_for_rest(task, &setup.scale, reach, rest);
+            for (term, charge) in terms.iter_mut().zip(charge) {
+                let charged = term.lane(lane) + charge;
+                term.set_lane(lane, charged);
+            }
+        }
+        let reward = terms[0] + terms[1] + terms[2];
+        let everyone = u32::MAX >> (32 - T::WIDTH);
+        let one = T::splat(1.0);
+        if lanes & everyone == everyone {
+            self.terms = terms;
+            self.steps += one;
+            self.episode_return += reward;
+        } else {
+            for lane in lanes_of(lanes) {
+                self.terms.put_lane(lane, &terms.lane_of(lane));
+                self.steps.set_lane(lane, self.steps.lane(lane) + 1.0);
+                let sum = self.episode_return.lane(lane) + reward.lane(lane);
+                self.episode_return.set_lane(lane, sum);
+            }
+        }
+        self.diverged |= lost;
+        // a state that is not finite is not observed: the last finite observation stays
+        let finite = lanes & !self.flight.common.outputs.not_finite().bits();
+        let (size, frame) = (setup.observation_size, setup.frame_size);
+        if size > frame {
+            for lane in lanes_of(finite) {
+                self.observations[lane * size..][..size].copy_within(frame.., 0);
+            }
+        }
+        let mut rows = self.observations.chunks_exact_mut(size).enumerate();
+        observe(&self.flight, task, &self.payload, finite, |lane| {
+            // lanes come in rising order
+            rows.by_ref()
+                .find(|(i, _)| *i == lane)
+                .map(|(_, row)| &mut row[size - frame..])
+                .unwrap_or_default()
+        });
+        let over = one - self.flight.common.sample.below(horizon);
+        let truncated = over.bits() & lanes & !lost;
+        for lane in lanes_of(lost | truncated) {
+            self.members[lane].phase = Phase::Ended;
+        }
+        Outcomes {
+            reward,
+            terminated: lost,
+            truncated,
+        }
+    }
+
+    /// Actions within their limits of size and rate.
+    #[inline(always)]
+    fn hold(&mut self, actions: &[f32], lanes: u32, task: &Task) -> [T; 3] {
+        let change = task
+            .action_rate_limit
+            .map_or(f64::INFINITY, |limit| limit * task.control_period);
+        let count = task.actuators.len();
+        for lane in lanes_of(lanes) {
+            for (held, wanted) in self
+                .action
+                .iter_mut()
+                .zip(&actions[lane * count..][..count])
+            {
+                let before = held.lane(lane);
+                let wanted = f64::from(*wanted).clamp(-1.0, 1.0);
+                held.set_lane(lane, wanted.clamp(before - change, before + change));
+            }
+        }
+        self.action
+    }
+}
+
+struct Step<'a, T: Number> {
+    cohort: &'a mut Cohort<T>,
+    actions: &'a [f32],
+    lanes: u32,
+}
+
+impl<T: Vector> Work for Step<'_, T> {
+    type Output = Outcomes<T>;
+
+    #[inline(always)]
+    fn run(self) -> Outcomes<T> {
+        self.cohort.step_inlined(self.actions, self.lanes)
+    }
+}
+
+/// The agent's torques over one control period, above the inner law's.
+struct Agent<'a, T> {
+    task: &'a Task,
+    scale: &'a RewardScale,
+    command: WheelTorques<T>,
+    slew: Option<T>,
+    /// Samples to fly.
+    samples: T,
+    flown: T,
+    sums: RewardSums<T>,
+    lost: u32,
+}
+
+impl<T: Number> Pilot<T> for Agent<'_, T> {
+    #[inline(always)]
+    fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
+        let mut command = self.command;
+        if let Some(law) = &self.task.inner_law {
+            let below = flight.law_torques(law);
+            command.root += below.root;
+            command.tip += below.tip;
+        }
+        (command, self.slew)
+    }
+
+    #[inline(always)]
+    fn flown(&mut self, flight: &mut Flight<T>) -> bool {
+        let resting = flight.resting();
+        let lost = lost(flight, self.task) & !resting;
+        let (sums, flown) = (self.sums, self.flown);
+        self.sums.take(flight, self.scale);
+        self.flown += T::splat(1.0);
+        let still = (resting | lost) & (u32::MAX >> (32 - T::WIDTH));
+        if still != 0 {
+            for lane in lanes_of(still) {
+                self.sums.put_lane(lane, &sums.lane_of(lane));
+                if resting >> lane & 1 == 1 {
+                    self.flown.set_lane(lane, flown.lane(lane));
+                }
+            }
+            self.lost |= lost;
+        }
+        let more = self.flown.below(self.samples).bits();
+        let flying = more & !resting & !lost;
+        flight.rest(!flying);
+        flying != 0
+    }
+}

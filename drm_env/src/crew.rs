@@ -1,0 +1,184 @@
+//! Environments side by side, whatever the number of lanes.
+
+use std::fmt::Debug;
+
+use crate::batch::Ended;
+use crate::cohort::{Cohort, Draft, Phase};
+use crate::config::context;
+use crate::env::Env;
+use crate::error::ConfigError;
+use crate::flight::lanes_of;
+use crate::lane::{Instructions, Pack};
+use crate::parameter::{COUNT, Overrides};
+use crate::rng::Seed;
+use crate::vector::Vector;
+
+/// Results of one step, a row a lane.
+pub(crate) struct Rows<'a> {
+    pub(crate) observations: &'a mut [f32],
+    pub(crate) rewards: &'a mut [f64],
+    pub(crate) terminated: &'a mut [bool],
+    pub(crate) truncated: &'a mut [bool],
+    /// Three a lane.
+    pub(crate) terms: &'a mut [f64],
+}
+
+/// Environments that are stepped side by side.
+pub(crate) trait Crew: Send + Sync + Debug {
+    /// Number of lanes.
+    fn width(&self) -> usize;
+    /// One control period of the lanes whose bits are set; writes their rows.
+    fn step(&mut self, actions: &[f32], lanes: u32, rows: &mut Rows<'_>);
+    /// Writes the row of a lane that has not been stepped.
+    fn write(&self, lane: usize, reward: f64, rows: &mut Rows<'_>);
+    /// Writes the observation of a lane into its row.
+    fn write_observation(&self, lane: usize, rows: &mut Rows<'_>);
+    /// What is kept of the episode of a lane that has ended.
+    fn end(&self, lane: usize) -> Ended;
+    /// See [`Cohort::draw`].
+    fn draw(&self, lane: usize, seed: Option<Seed>, once: &Overrides)
+    -> Result<Draft, ConfigError>;
+    /// See [`Cohort::begin`].
+    fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError>;
+    /// See [`Cohort::check_context`].
+    fn check_context(&self, lane: usize, settings: &Overrides) -> Result<(), ConfigError>;
+    /// See [`Cohort::set_lane_context`].
+    fn set_context(&mut self, lane: usize, settings: Overrides) -> Result<(), ConfigError>;
+    /// The true context of a lane.
+    fn context(&self, lane: usize) -> [f64; COUNT];
+    /// Where a lane is in its life.
+    fn phase(&self, lane: usize) -> Phase;
+    /// Observation of a lane.
+    fn observation_of(&self, lane: usize) -> &[f32];
+    /// The environment of a lane.
+    fn one(&self, lane: usize) -> Env;
+    /// Replaces the environment of a lane.
+    fn put(&mut self, lane: usize, env: &Env);
+}
+
+impl<T: Vector> Crew for Cohort<T> {
+    fn width(&self) -> usize {
+        T::WIDTH
+    }
+
+    fn step(&mut self, actions: &[f32], lanes: u32, rows: &mut Rows<'_>) {
+        if lanes == 0 {
+            return;
+        }
+        let outcomes = self.step_lanes(actions, lanes);
+        for lane in lanes_of(lanes) {
+            self.write(lane, outcomes.reward.lane(lane), rows);
+            rows.terminated[lane] = outcomes.terminated >> lane & 1 == 1;
+            rows.truncated[lane] = outcomes.truncated >> lane & 1 == 1;
+        }
+    }
+
+    fn write(&self, lane: usize, reward: f64, rows: &mut Rows<'_>) {
+        rows.rewards[lane] = reward;
+        rows.terminated[lane] = false;
+        rows.truncated[lane] = false;
+        for (slot, term) in rows.terms[3 * lane..].iter_mut().zip(&self.terms) {
+            *slot = term.lane(lane);
+        }
+        self.write_observation(lane, rows);
+    }
+
+    fn write_observation(&self, lane: usize, rows: &mut Rows<'_>) {
+        let row = self.observation_of(lane);
+        rows.observations[lane * row.len()..][..row.len()].copy_from_slice(row);
+    }
+
+    fn end(&self, lane: usize) -> Ended {
+        let env = self.one(lane);
+        Ended {
+            metrics: env.metrics(),
+            context: env.context().to_vec(),
+            observation: env.observations,
+        }
+    }
+
+    fn draw(
+        &self,
+        lane: usize,
+        seed: Option<Seed>,
+        once: &Overrides,
+    ) -> Result<Draft, ConfigError> {
+        Cohort::draw(self, lane, seed, once)
+    }
+
+    fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
+        Cohort::begin(self, lane, draft)
+    }
+
+    fn check_context(&self, lane: usize, settings: &Overrides) -> Result<(), ConfigError> {
+        Cohort::check_context(self, lane, settings)
+    }
+
+    fn set_context(&mut self, lane: usize, settings: Overrides) -> Result<(), ConfigError> {
+        self.set_lane_context(lane, settings)
+    }
+
+    fn context(&self, lane: usize) -> [f64; COUNT] {
+        context(&self.flight.plan_of(lane).scenario)
+    }
+
+    fn phase(&self, lane: usize) -> Phase {
+        self.members[lane].phase
+    }
+
+    fn observation_of(&self, lane: usize) -> &[f32] {
+        Cohort::observation_of(self, lane)
+    }
+
+    fn one(&self, lane: usize) -> Env {
+        Cohort::one(self, lane)
+    }
+
+    fn put(&mut self, lane: usize, env: &Env) {
+        Cohort::put(self, lane, env);
+    }
+}
+
+/// Lanes of the crews that `count` environments are spread over: the widest, and for the remainder
+/// those that waste the least.
+pub(crate) fn widths(count: usize, instructions: Instructions) -> Vec<usize> {
+    let widest = instructions.lanes();
+    let mut widths = vec![widest; count / widest];
+    let left = count % widest;
+    if left > 0 {
+        let fitting = instructions.widths().iter().filter(|width| **width >= left);
+        widths.push(fitting.copied().min().unwrap_or(widest));
+    }
+    widths
+}
+
+/// Copies of an environment for a number of them, side by side as the instructions allow.
+///
+/// # Errors
+/// Instructions that the processor does not have.
+pub(crate) fn crews(
+    env: &Env,
+    count: usize,
+    instructions: Instructions,
+) -> Result<Vec<Box<dyn Crew>>, ConfigError> {
+    if instructions > Instructions::detect() {
+        let requirement = "must be instructions that the processor has";
+        return Err(ConfigError::value(
+            "instructions",
+            requirement,
+            instructions.name(),
+        ));
+    }
+    let crew = |width: usize| -> Box<dyn Crew> {
+        match width {
+            // the processor has been asked for the instructions above
+            #[cfg(target_arch = "x86_64")]
+            8 => Box::new(Cohort::<crate::lane::wide::Wide8>::spread(env)),
+            #[cfg(target_arch = "x86_64")]
+            4 => Box::new(Cohort::<crate::lane::wide::Wide4>::spread(env)),
+            2 => Box::new(Cohort::<Pack<2>>::spread(env)),
+            _ => Box::new(env.clone()),
+        }
+    };
+    Ok(widths(count, instructions).into_iter().map(crew).collect())
+}

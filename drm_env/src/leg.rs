@@ -1,0 +1,245 @@
+//! The thesis plant over a leg: equal Runge-Kutta steps within one piece of the timeline, under held
+//! commands. The length is prescribed, so what depends on it is evaluated beside the chain of stages:
+//! at the middle and the end of each step, for one environment alone several steps ahead.
+
+use crate::actuator::{StepTorque, WheelState};
+use crate::integrator::{Derivative, Stage, rk4_step};
+use crate::lane::{Lane, Laned, Number, Pack, laned};
+use crate::plant::thesis::{Constants, Prepared};
+use crate::plant::{Extension, RigidInertia, Torques};
+use crate::timeline::Piece;
+
+/// One wheel over a leg.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct WheelDrive<T> {
+    pub(crate) command: T,
+    /// 1 with a lag, 0 without.
+    pub(crate) memory: T,
+    /// What half a step leaves of a difference.
+    pub(crate) decay: T,
+    pub(crate) momentum_limit: T,
+}
+
+impl<T: Lane> WheelDrive<T> {
+    /// Torque over the next step of length `h`. An `IDEAL` wheel has neither lag nor momentum limit;
+    /// it gets the same bits by either way.
+    #[inline(always)]
+    pub(crate) fn step<const IDEAL: bool>(&self, state: &mut WheelState<T>, h: T) -> StepTorque<T> {
+        if IDEAL {
+            state.follow(self.command, h)
+        } else {
+            state.step(
+                self.command,
+                self.memory,
+                self.decay,
+                self.momentum_limit,
+                h,
+            )
+        }
+    }
+}
+
+/// What is constant over a leg.
+pub(crate) struct Leg<'a, T> {
+    pub(crate) constants: &'a Constants<T>,
+    pub(crate) inertia: &'a RigidInertia<T>,
+    pub(crate) piece: &'a Piece<T>,
+    /// Torque of the slew motor where an agent drives it; open loop without.
+    pub(crate) slew: Option<T>,
+    pub(crate) root: WheelDrive<T>,
+    pub(crate) tip: WheelDrive<T>,
+    /// Beginning and end in time since the piece's start, s.
+    pub(crate) from: T,
+    pub(crate) until: T,
+    /// Step, s.
+    pub(crate) h: T,
+    pub(crate) steps: usize,
+}
+
+/// The equations of motion at one instant of the prescribed motion.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Instant<T> {
+    prepared: Prepared<T>,
+    slew: T,
+}
+
+laned!(Instant { prepared, slew });
+
+impl<T: Lane> Instant<T> {
+    #[inline(always)]
+    fn new<const AXIAL: bool, const FOLLOW: bool>(
+        constants: &Constants<T>,
+        inertia: &RigidInertia<T>,
+        piece: &Piece<T>,
+        slew: Option<T>,
+        u: T,
+    ) -> Self {
+        let extension = piece.extension(u);
+        Self {
+            prepared: Prepared::new(constants.matrices::<AXIAL, FOLLOW>(&extension)),
+            slew: match slew {
+                Some(torque) => torque,
+                None => slew_torque(inertia, piece, &extension, u),
+            },
+        }
+    }
+}
+
+/// Open-loop torque of the slew motor `u` seconds after the piece's start.
+#[inline(always)]
+pub(crate) fn slew_torque<T: Lane>(
+    inertia: &RigidInertia<T>,
+    piece: &Piece<T>,
+    extension: &Extension<T>,
+    u: T,
+) -> T {
+    let (accel, rate) = piece.motion(u);
+    inertia.slew_torque(extension, rate, accel)
+}
+
+/// Steps whose instants are prepared together for one environment, two instants a step.
+const STEPS_AHEAD: usize = 4;
+const INSTANTS: usize = 2 * STEPS_AHEAD;
+
+/// A place in a stack frame where registers of 64 bytes do not straddle cache lines.
+#[repr(C, align(64))]
+struct Anchor([u8; 64]);
+
+impl<T: Number> Leg<'_, T> {
+    /// Time since the piece's start of a number of steps and `part` of one more.
+    #[inline(always)]
+    fn place(&self, step: usize, part: f64) -> T {
+        self.h.mul_add(T::splat(step as f64 + part), self.from)
+    }
+
+    /// The same of the end of a step; the last one ends where the leg does.
+    #[inline(always)]
+    fn end_of(&self, step: usize) -> T {
+        if step + 1 == self.steps {
+            self.until
+        } else {
+            self.place(step, 1.0)
+        }
+    }
+
+    #[inline(always)]
+    fn instant<const AXIAL: bool, const FOLLOW: bool>(&self, u: T) -> Instant<T> {
+        Instant::new::<AXIAL, FOLLOW>(self.constants, self.inertia, self.piece, self.slew, u)
+    }
+
+    /// Advances the motion and the wheels; returns the torques at the beginning. `carried` is the
+    /// instant at the beginning if the leg before ended there in the same piece, and becomes that at
+    /// the end.
+    #[inline(always)]
+    pub(crate) fn fly<const AXIAL: bool, const FOLLOW: bool, const IDEAL: bool>(
+        &self,
+        motion: &mut [T; 6],
+        root: &mut WheelState<T>,
+        tip: &mut WheelState<T>,
+        carried: &mut Option<Instant<T>>,
+    ) -> Torques<T> {
+        // aligns the frame, and with it the registers that are kept there
+        std::hint::black_box(&mut Anchor([0; 64]));
+        let mut now = match carried.take() {
+            Some(instant) => instant,
+            None => self.instant::<AXIAL, FOLLOW>(self.from),
+        };
+        let mut first = Torques {
+            slew: now.slew,
+            root: root.applied,
+            tip: tip.applied,
+        };
+        if T::WIDTH == 1 {
+            let constants = Constants::<Pack<INSTANTS>>::spread(&self.constants.lane_of(0));
+            let inertia = RigidInertia::<Pack<INSTANTS>>::spread(&self.inertia.lane_of(0));
+            let piece = Piece::<Pack<INSTANTS>>::spread(&self.piece.lane_of(0));
+            let slew = self.slew.map(|torque| Pack::splat(torque.lane(0)));
+            for begin in (0..self.steps).step_by(STEPS_AHEAD) {
+                let mut places = [0.0; INSTANTS];
+                for i in 0..STEPS_AHEAD {
+                    places[2 * i] = self.place(begin + i, 0.5).lane(0);
+                    places[2 * i + 1] = self.end_of(begin + i).lane(0);
+                }
+                let ahead =
+                    Instant::new::<AXIAL, FOLLOW>(&constants, &inertia, &piece, slew, Pack(places));
+                for i in 0..STEPS_AHEAD.min(self.steps - begin) {
+                    let middle = Instant::spread(&ahead.lane_of(2 * i));
+                    let end = Instant::spread(&ahead.lane_of(2 * i + 1));
+                    let torques =
+                        self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
+                    if begin + i == 0 {
+                        first = torques;
+                    }
+                    now = end;
+                }
+            }
+        } else {
+            for step in 0..self.steps {
+                let middle = self.instant::<AXIAL, FOLLOW>(self.place(step, 0.5));
+                let end = self.instant::<AXIAL, FOLLOW>(self.end_of(step));
+                let torques = self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
+                if step == 0 {
+                    first = torques;
+                }
+                now = end;
+            }
+        }
+        *carried = Some(now);
+        first
+    }
+
+    /// One Runge-Kutta step between three instants; returns the torques at its beginning.
+    #[inline(always)]
+    fn step<const FOLLOW: bool, const IDEAL: bool>(
+        &self,
+        motion: &mut [T; 6],
+        instants: [&Instant<T>; 3],
+        root: &mut WheelState<T>,
+        tip: &mut WheelState<T>,
+    ) -> Torques<T> {
+        let root = self.root.step::<IDEAL>(root, self.h);
+        let tip = self.tip.step::<IDEAL>(tip, self.h);
+        let slope = Slope::<T, FOLLOW> {
+            instants,
+            root,
+            tip,
+        };
+        *motion = rk4_step(motion, self.h, slope);
+        Torques {
+            slew: instants[0].slew,
+            root: root.start,
+            tip: tip.start,
+        }
+    }
+}
+
+/// Rates of the motion over one step.
+struct Slope<'a, T, const FOLLOW: bool> {
+    instants: [&'a Instant<T>; 3],
+    root: StepTorque<T>,
+    tip: StepTorque<T>,
+}
+
+impl<T: Lane, const FOLLOW: bool> Derivative<T, 6> for Slope<'_, T, FOLLOW> {
+    #[inline(always)]
+    fn at(&mut self, stage: Stage, y: &[T; 6]) -> [T; 6] {
+        let [start, middle, end] = self.instants;
+        let (instant, root, tip) = match stage {
+            Stage::Start => (start, self.root.start, self.tip.start),
+            Stage::Middle => (middle, self.root.middle, self.tip.middle),
+            Stage::End => (end, self.root.end, self.tip.end),
+        };
+        let torques = Torques {
+            slew: instant.slew,
+            root,
+            tip,
+        };
+        let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *y;
+        let [a, b, c] = instant.prepared.acceleration::<FOLLOW>(
+            &[theta, alpha, beta],
+            &[theta_rate, alpha_rate, beta_rate],
+            &torques,
+        );
+        [theta_rate, alpha_rate, beta_rate, a, b, c]
+    }
+}

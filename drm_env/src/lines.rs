@@ -1,0 +1,85 @@
+//! What lies between an arm and its reader and between a command and its wheel: dead time, delay,
+//! noise and quantisation, of one environment.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use crate::control::WheelTorques;
+use crate::rng::Stream;
+use crate::scenario::Sensors;
+
+/// Delay lines and noise of one manoeuvre.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Lines {
+    /// Commands on their way to the wheels, oldest first.
+    root: VecDeque<f64>,
+    tip: VecDeque<f64>,
+    /// Outputs on their way to the reader, oldest first.
+    sensor: VecDeque<[f64; 4]>,
+    noise: Stream,
+}
+
+/// How long the lines are, in samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Delays {
+    pub(crate) root: usize,
+    pub(crate) tip: usize,
+    pub(crate) sensor: usize,
+}
+
+impl Delays {
+    /// Whether there is none.
+    pub(crate) fn none(&self) -> bool {
+        self.root == 0 && self.tip == 0 && self.sensor == 0
+    }
+}
+
+impl Lines {
+    /// At t = 0, with zero commands and `output` on their way.
+    pub(crate) fn new(delays: Delays, output: [f64; 4], noise: Stream) -> Self {
+        Self {
+            root: VecDeque::from(vec![0.0; delays.root]),
+            tip: VecDeque::from(vec![0.0; delays.tip]),
+            sensor: VecDeque::from(vec![output; delays.sensor]),
+            noise,
+        }
+    }
+
+    /// Whether the lines have these lengths, between two samples.
+    pub(crate) fn fit(&self, delays: Delays) -> bool {
+        self.root.len() == delays.root
+            && self.tip.len() == delays.tip
+            && self.sensor.len() == delays.sensor
+    }
+
+    /// Sends a command off and returns the one that arrives.
+    pub(crate) fn command(&mut self, command: WheelTorques<f64>) -> WheelTorques<f64> {
+        let through = |line: &mut VecDeque<f64>, value: f64| {
+            line.push_back(value);
+            line.pop_front().unwrap_or(value)
+        };
+        WheelTorques {
+            root: through(&mut self.root, command.root),
+            tip: through(&mut self.tip, command.tip),
+        }
+    }
+
+    /// What is read where the outputs are `truth`.
+    pub(crate) fn sense(&mut self, truth: [f64; 4], sensors: &Sensors) -> [f64; 4] {
+        self.sensor.push_back(truth);
+        let mut measured = self.sensor.pop_front().unwrap_or(truth);
+        let noise = sensors.noise();
+        if noise.iter().any(|&std| std > 0.0) {
+            for (value, std) in measured.iter_mut().zip(noise) {
+                *value += std * self.noise.normal();
+            }
+        }
+        for (value, quantum) in measured.iter_mut().zip(sensors.resolution()) {
+            if quantum > 0.0 {
+                *value = quantum * libm::round(*value / quantum);
+            }
+        }
+        measured
+    }
+}
