@@ -62,7 +62,7 @@ def paired_ratio(values: ArrayLike, reference: ArrayLike) -> Spread:
 def interleave(
     candidates: Mapping[str, Callable[[], float]],
     repeats: int,
-    progress: Callable[[str], object] = str,
+    progress: Callable[[str], object] | None = None,
 ) -> Measured:
     """Measure every candidate once, then again, ``repeats`` times in all.
 
@@ -86,7 +86,8 @@ def interleave(
     for _ in range(repeats):
         for name, measure in candidates.items():
             taken[name].append(float(measure()))
-            progress(name)
+            if progress is not None:
+                progress(name)
     return {name: np.array(values) for name, values in taken.items()}
 
 

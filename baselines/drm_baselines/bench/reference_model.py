@@ -118,7 +118,7 @@ def legs(samples: int) -> Legs:
 
 def coefficients(
     a: Value, ad: Value, add: Value, rate: Value, accel: Value,
-    m: Value, l: Value, j: Value, mr: Value, jr: Value,
+    m: Value, lp: Value, j: Value, mr: Value, jr: Value,
 ) -> tuple[Value, ...]:  # fmt: skip
     """Return everything that depends on the instant alone.
 
@@ -128,7 +128,7 @@ def coefficients(
         Extension of link 2 with its rate and acceleration.
     rate, accel
         Of the slew reference.
-    m, l, j, mr, jr
+    m, lp, j, mr, jr
         Payload: mass, length, inertia; reported mass and inertia.
 
     Returns
@@ -137,7 +137,7 @@ def coefficients(
         Open-loop torque, 3/a, inverse elastic mass (3), its product with the coupling (2), the
         remaining pivot, velocity terms (8), stiffness (4), axial load (4).
     """
-    ml = m * l
+    ml = m * lp
     ia = 1.0 / a
     ia2 = ia * ia
     ad2 = ad * ad
@@ -155,7 +155,7 @@ def coefficients(
     rigid = RHO1 * L1**3 / 3.0 + RHO2 / 3.0 * (r * r * r - c * c * c)
     rigid_slope = RHO2 * (r * r - c * c)
 
-    mtt = rigid + m * r * (r + l) + j
+    mtt = rigid + m * r * (r + lp) + j
     mta = (
         11.0 / 20.0 * RHO1 * L1**2
         + RHO2 * L1**2 * (11.0 / 20.0 - 0.75 * s4 + 0.2 * s5)
@@ -216,8 +216,8 @@ def coefficients(
     b2 = 4.8 * (m + ia * ml) + 81.0 / 70.0 * RHO2 * a
     b2_rate = ad * (81.0 / 70.0 * RHO2 - (4.8 * ia2) * ml)
 
-    slew = (rigid + mr * r * (r + l) + jr) * accel + (
-        rigid_slope + (2.0 * r) * mr + mr * l
+    slew = (rigid + mr * r * (r + lp) + jr) * accel + (
+        rigid_slope + (2.0 * r) * mr + mr * lp
     ) * (ad * rate)  # fmt: skip
     return (
         slew, 3.0 * ia, eaa, eab, ebb, wa, wb, pivot, ctt, cta, ctb, cbt, caa, cab, cba, cbb,

@@ -32,7 +32,7 @@ def fly(payloads: Payloads, samples: int) -> NDArray[np.float64]:
         theta, alpha, beta and their rates after the last sample, shape (6, episodes).
     """
     plan = legs(samples)
-    m, l, j, mr, jr = payloads.columns()
+    m, lp, j, mr, jr = payloads.columns()
     zeros = np.zeros(len(payloads))
     y: tuple[Any, ...] = (zeros,) * 6
     before: tuple[Any, Any] = (zeros, zeros)
@@ -43,7 +43,7 @@ def fly(payloads: Payloads, samples: int) -> NDArray[np.float64]:
         _, _, rate, accel, a, ad, add = PIECES[piece]
         return coefficients(
             a + u * (ad + 0.5 * u * add), ad + u * add, add, rate + u * accel, accel,
-            m, l, j, mr, jr,
+            m, lp, j, mr, jr,
         )  # fmt: skip
 
     for piece, begin, h, steps, first in zip(
