@@ -93,6 +93,9 @@ def instructions_of(command: list[str]) -> tuple[int, str]:
 def count_engine(lanes: int, program: Path) -> Count:
     """Count the instructions of the engine's kernel; ``lanes`` is 1, or 0 for the widest pack.
 
+    The first line that the program prints must hold its lanes, as in ``AVX2, lanes: 4``; it
+    becomes the description.
+
     Raises
     ------
     CountingError
@@ -103,7 +106,8 @@ def count_engine(lanes: int, program: Path) -> Count:
         return instructions_of([str(program), "--lanes", str(lanes), "--steps", str(steps)])
 
     (few, text), (many, _) = run(_FEW), run(_MANY)
-    used = re.search(r"lanes\W+(\d+)|(\d+)\s+lanes", text)
+    text = next(iter(text.splitlines()), "")
+    used = re.search(r"lanes\W+(\d+)|(\d+)\s+lanes?", text)
     width = int(used[1] or used[2]) if used else max(1, lanes)
     if lanes == 0 and not used:
         raise CountingError(f"the kernel example does not say its lanes: {text[:80]!r}")

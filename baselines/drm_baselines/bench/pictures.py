@@ -38,7 +38,7 @@ def _errors(values: Sequence[Spread]) -> list[list[float]]:
 
 
 def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Path | None:
-    """Draw the ratios of a section as bars with their spread; ``None`` if it has none."""
+    """Draw the ratios of a section with their spread; ``None`` if it has none."""
     rows = [row for row in section.rows if row.ratio is not None]
     ratios = [row.ratio for row in section.rows if row.ratio is not None]
     if not rows:
@@ -46,11 +46,11 @@ def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Pat
     figure, axis = plt.subplots(figsize=(10.0, 1.6 + 0.5 * len(rows)), layout="constrained")
     places = np.arange(len(rows))[::-1]
     medians = [ratio.median for ratio in ratios]
-    axis.barh(places, medians, xerr=_errors(ratios), height=0.6, capsize=4, color=_COLOURS[6])
+    axis.errorbar(medians, places, xerr=_errors(ratios), fmt="o", capsize=4, color=_COLOURS[1])
     axis.axvline(1.0, color="0.3", linewidth=1.0)
     axis.set_yticks(places, [f"{row.what}\nto {row.relative_to}" for row in rows])
     axis.tick_params(axis="y", labelsize="small")
-    if max(medians) > 20.0 * min(medians):
+    if max(medians) > 5.0 * min(medians):
         axis.set_xscale("log")
     axis.set_xlabel("ratio (median; smallest and largest)")
     axis.grid(alpha=0.3, axis="x")
@@ -74,6 +74,8 @@ def plot_curve(curve: Curve, path: Path, *, overwrite: bool = False) -> Path:
         )
     axis.set_xscale("log", base=2)
     axis.set_yscale("log")
+    places = sorted({size for sizes, _ in curve.lines.values() for size in sizes})
+    axis.set_xticks(places, [f"{size:,g}" for size in places])
     axis.set_xlabel(curve.x_label)
     axis.set_ylabel(curve.y_label)
     axis.grid(alpha=0.3, which="both")
