@@ -314,6 +314,44 @@ def test_an_engine_without_clocks_and_no_compiler_are_said(
     assert any("no C compiler found" in note for note in section.notes)
 
 
+def test_a_section_that_fails_leaves_those_before_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def run(name: str, bench: Bench) -> Section:
+        if name == "step":
+            raise BaselineError("the clock stands still")
+        return SECTION
+
+    monkeypatch.setattr(sections, "run", run)
+    path = tmp_path / "bench.json"
+    result = CliRunner().invoke(
+        app, ["bench", "--only", "kernel", "--only", "step", "--json", str(path)]
+    )
+    assert result.exit_code == 2
+    assert "stopped in section step" in result.stderr
+    assert "error: the clock stands still" in result.stderr
+    assert list(json.loads(path.read_text())["sections"]) == ["kernel"]
+
+
+@needs_compiler
+def test_a_source_that_does_not_compile_is_said(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.c"
+    broken.write_text("int main(")
+    monkeypatch.setattr(yardstick, "SOURCE", broken)
+    with (
+        pytest.raises(yardstick.CompilationError, match="ended with 1"),
+        yardstick.compiled(1, axial=True),
+    ):
+        pass
+
+
+def test_all_ratios_come_as_one_table() -> None:
+    table = report.ratio_table([SECTION, SECTION])
+    assert table.row_count == 2
+
+
 def test_instructions_are_counted_by_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     def counted(command: list[str]) -> tuple[int, str]:
         steps = int(command[-1])

@@ -47,7 +47,7 @@ def _built(stack: contextlib.ExitStack, notes: list[str]) -> dict[str, Callable[
             candidates[_name(lanes, axial)] = measure
             if len(candidates) == 1:
                 notes.append("compiled with " + " ".join(built.command[1:]))
-    except yardstick.NoCompilerError as error:
+    except (yardstick.NoCompilerError, yardstick.CompilationError) as error:
         notes.append(f"C yardstick left out: {error}")
     return candidates
 

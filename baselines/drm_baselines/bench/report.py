@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import importlib.metadata
 import platform
 import re
 from collections.abc import Sequence
@@ -55,6 +57,21 @@ def terminal_table(section: Section) -> Table:
     return table
 
 
+def ratio_table(sections: Sequence[Section]) -> Table:
+    """Return all ratios of all sections as one table."""
+    table = Table(title="All ratios", title_justify="left", header_style="bold")
+    table.add_column("section")
+    table.add_column("what")
+    table.add_column("ratio", justify="right")
+    table.add_column("relative to")
+    for section in sections:
+        for row in section.rows:
+            if row.ratio is not None:
+                what, _, _, ratio, partner = cells(row)
+                table.add_row(section.name, what, ratio, partner)
+    return table
+
+
 def processor() -> str:
     """Return the name of the processor as the system gives it."""
     try:
@@ -73,6 +90,9 @@ def data(sections: Sequence[Section], bench: Bench) -> dict[str, Any]:
     content["processor"] = processor()
     content["cores"] = cores()
     content["provenance"] = storage.provenance()
+    for name in ("numba", "psutil"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            content["provenance"]["versions"][name] = importlib.metadata.version(name)
     content["sections"] = {section.name: section.data() for section in sections}
     return content
 

@@ -16,7 +16,8 @@ from drm_baselines.bench.results import Bench, Row, Section, cores
 
 _HORIZON = 20.0
 _ENGINE, _YARDSTICK = "drm_env.rollout", "C kernel alone"
-_NUMPY, _NUMBA = "NumPy", "numba"
+_NUMPY, _NUMBA = "NumPy, one core", "numba, all cores"
+_KEYS = {_YARDSTICK: "yardstick", _NUMPY: "numpy", _NUMBA: "numba"}
 # Episodes and samples of one measurement: enough to fill the arrays, few enough to wait for.
 _NUMPY_EPISODES, _NUMPY_SAMPLES = 4096, 200
 _NUMBA_EPISODES = 256
@@ -75,7 +76,7 @@ def run(bench: Bench) -> Section:
             built = stack.enter_context(yardstick.compiled(yardstick.LANES, axial=True))
             yardstick.check(built.run(1))
             candidates[_YARDSTICK] = lambda: built.run().ns_per_step * 1e-9 * steps / available
-        except yardstick.NoCompilerError as error:
+        except (yardstick.NoCompilerError, yardstick.CompilationError) as error:
             notes.append(f"C left out: {error}")
         candidates[_NUMPY] = scaled(reference_numpy.fly, _NUMPY_EPISODES, _NUMPY_SAMPLES)
         if compiled_python is None:
@@ -89,14 +90,14 @@ def run(bench: Bench) -> Section:
             )
         measured = bench.interleave("rollout", candidates)
 
-    rows = []
+    rows: list[Row] = []
     headline: dict[str, float | None] = {}
     for name, values in measured.items():
         if name == _ENGINE:
             continue
         ratio = paired_ratio(measured[_ENGINE], values)
         rows.append(Row(_ENGINE, Spread.of(measured[_ENGINE]), "s", ratio, name))
-        headline[f"rollout_over_{name.split()[0].lower()}"] = ratio.median
+        headline[f"rollout_over_{_KEYS[name]}"] = ratio.median
     rows.extend(
         Row(name, Spread.of(values), "s") for name, values in measured.items() if name != _ENGINE
     )

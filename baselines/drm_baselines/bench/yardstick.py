@@ -31,7 +31,11 @@ class NoCompilerError(BaselineError):
 
 
 class YardstickError(BaselineError):
-    """The yardstick cannot be compiled, or does not fly where the engine flies."""
+    """The yardstick fails, or does not fly where the engine flies."""
+
+
+class CompilationError(BaselineError):
+    """The compiler refuses the yardstick."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +134,8 @@ def compiled(lanes: int, *, axial: bool, machine: str = "native") -> Iterator[Ya
     ------
     NoCompilerError
         There is no compiler.
-    YardstickError
-        It refuses the source.
+    CompilationError
+        It refuses the source or an option.
     """
     with tempfile.TemporaryDirectory(prefix="drm-yardstick-") as directory:
         program = Path(directory) / "yardstick"
@@ -139,7 +143,10 @@ def compiled(lanes: int, *, axial: bool, machine: str = "native") -> Iterator[Ya
             compiler(), "-std=c11", "-O3", f"-march={machine}", "-ffast-math", "-Wno-psabi",
             f"-DLANES={lanes}", f"-DAXIAL={int(axial)}", str(SOURCE), "-o", str(program), "-lm",
         )  # fmt: skip
-        _output(list(command))
+        try:
+            _output(list(command))
+        except YardstickError as error:
+            raise CompilationError(str(error)) from error
         shown = tuple(Path(part).name if Path(part).is_absolute() else part for part in command)
         yield Yardstick(program, shown)
 

@@ -10,8 +10,10 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+import drm_env
 from drm_baselines import storage
 from drm_baselines.cli.common import console, errors, guarded, progress_bar
+from drm_baselines.errors import BaselineError
 
 
 @contextlib.contextmanager
@@ -80,7 +82,7 @@ def bench(
     Each candidate is measured in turn, again and again, on the machine as it is; a row shows the
     median with the smallest and the largest, and the ratio to another candidate of the same run,
     taken pair by pair. What cannot be measured here (no C compiler, no numba, no valgrind) is
-    said below the table. Close other programs first.
+    said below the table; a last table holds all ratios. Close other programs first.
     """
     from drm_baselines.bench import report, sections
     from drm_baselines.bench.results import Bench
@@ -94,15 +96,17 @@ def bench(
     if out is not None:
         storage.claim_directory(out, force=force)
     results = []
-    interrupted = False
+    stopped: Exception | KeyboardInterrupt | None = None
     with _measurement_progress() as progress:
         settings = Bench(repeats, seconds, episodes, long, progress)
         try:
             for name in names:
                 results.append(sections.run(name, settings))
                 console.print(report.terminal_table(results[-1]))
-        except KeyboardInterrupt:
-            interrupted = True
+        except (BaselineError, drm_env.DrmError, OSError, KeyboardInterrupt) as reason:
+            stopped = reason
+    if len(results) > 1:
+        console.print(report.ratio_table(results))
     files = []
     content = report.data(results, settings)
     if json_file is not None:
@@ -117,6 +121,6 @@ def bench(
         files.extend(pictures.plot_all(results, out, overwrite=force))
     if files:
         console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
-    if interrupted:
-        errors.print("interrupted: the sections that were complete have been written")
-        raise typer.Exit(130)
+    if stopped is not None:
+        errors.print(f"stopped in section {names[len(results)]}; those before it are complete")
+        raise stopped
