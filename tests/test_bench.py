@@ -6,6 +6,7 @@ No test here judges a time.
 from __future__ import annotations
 
 import csv
+import importlib
 import importlib.util
 import json
 import shutil
@@ -261,7 +262,16 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_valgrind() -> str:
         raise instructions.CountingError("no valgrind found")
 
+    def env_benchmark(config: str, steps: int) -> float:
+        assert json.loads(config)["scenario"]["horizon"] == 20.0
+        return 1e-9 * steps
+
+    def batch_benchmark(config: str, envs: int, steps: int, threads: int | None) -> float:
+        return env_benchmark(config, steps) * envs
+
     monkeypatch.setattr(_engine, "kernel_benchmark", kernel_benchmark, raising=False)
+    monkeypatch.setattr(_engine, "env_benchmark", env_benchmark, raising=False)
+    monkeypatch.setattr(_engine, "batch_benchmark", batch_benchmark, raising=False)
     monkeypatch.setattr(instructions, "valgrind", no_valgrind)
     monkeypatch.setattr(kernel, "_REPETITIONS", 1)
 
@@ -375,10 +385,51 @@ def test_unknown_sections_are_refused_and_listed() -> None:
     assert sections.chosen(None) == list(sections.SECTIONS)
 
 
-def test_every_section_can_be_loaded() -> None:
-    for name in sections.SECTIONS:
-        module = importlib.import_module(f"drm_baselines.bench.{name}")
-        assert callable(module.run)
+SMALL: dict[str, dict[str, Any]] = {
+    "kernel": {},
+    "step": {"_ENGINE_STEPS": 10},
+    "vector": {"SIZES": (1, 4), "_ENGINE_STEPS": 40},
+    "learn": {"SIZES": (2,), "_STEPS": 8},
+    "rollout": {"_NUMPY_EPISODES": 8, "_NUMPY_SAMPLES": 2, "_NUMBA_EPISODES": 1},
+    "scaling": {"SIZES": (1, 256), "RATIO_SIZES": (256,)},
+    "memory": {"_SMALL": 16, "_LARGE": 2048},
+    "consistent": {"_EPISODES": 1, "_HORIZON": 0.1},
+}
+HEADLINES = {
+    "kernel": "batch_kernel_ns_per_step",
+    "step": "step_us_above_engine",
+    "vector": "vector_4_over_engine",
+    "learn": "learn_SlewResidual-v0_2_over_idle",
+    "rollout": "rollout_over_numpy",
+    "scaling": "",
+    "memory": "bytes_per_environment",
+    "consistent": "consistent_over_thesis",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(sections.SECTIONS))
+def test_every_section_runs_in_small(
+    name: str, stand_in: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if name == "learn":
+        pytest.importorskip("stable_baselines3")
+    if name == "memory":
+        pytest.importorskip("psutil")
+    module = importlib.import_module(f"drm_baselines.bench.{name}")
+    for attribute, value in SMALL[name].items():
+        monkeypatch.setattr(module, attribute, value)
+    shown: list[tuple[str, int, int]] = []
+    bench = Bench(1, 0, 2, 64, lambda *progress: shown.append(progress))
+    section = sections.run(name, bench)
+    assert section.name == name
+    assert section.rows
+    assert section.notes
+    assert shown[-1][1] == shown[-1][2]
+    if HEADLINES[name]:
+        assert isinstance(section.headline[HEADLINES[name]], float)
+    json.dumps(report.data([section], bench))
+    pictures.plot_all([section], tmp_path)
 
 
 def test_batches_are_stepped_through_their_resets() -> None:
