@@ -229,6 +229,9 @@ def test_damaged_markers_leave_the_file_alone(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match="found 2 and 2"):
         report.update_markdown(path, [SECTION], Bench())
     assert path.read_text() == before * 2
+    refused = CliRunner().invoke(app, ["bench", "--only", "kernel", "--markdown", str(path)])
+    assert refused.exit_code == 2
+    assert "found 2 and 2" in " ".join(refused.stderr.split())
 
 
 def test_results_as_json_csv_and_pictures(tmp_path: Path) -> None:

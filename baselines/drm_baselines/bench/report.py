@@ -138,6 +138,27 @@ def markdown_block(section: Section, bench: Bench) -> str:
     return "\n".join((marker(section.name, "begin"), *lines, marker(section.name, "end")))
 
 
+def marked_range(text: str, name: str) -> tuple[int, int] | None:
+    """Return where a section begins and ends in a Markdown text, ``None`` if it has no markers.
+
+    Raises
+    ------
+    BaselineError
+        A marker without its partner, twice, or in the wrong order.
+    """
+    begin, end = (marker(name, edge) for edge in ("begin", "end"))
+    counts = text.count(begin), text.count(end)
+    if counts == (0, 0):
+        return None
+    start, stop = text.find(begin), text.find(end)
+    if counts != (1, 1) or stop < start:
+        raise BaselineError(
+            f"markers of section {name}: expected {begin!r} and then {end!r} once each, "
+            f"found {counts[0]} and {counts[1]}"
+        )
+    return start, stop + len(end)
+
+
 def with_sections(text: str, sections: Sequence[Section], bench: Bench) -> str:
     """Return a Markdown text with the sections between their markers.
 
@@ -150,21 +171,28 @@ def with_sections(text: str, sections: Sequence[Section], bench: Bench) -> str:
         A marker without its partner, twice, or in the wrong order.
     """
     for section in sections:
-        begin, end = (marker(section.name, edge) for edge in ("begin", "end"))
-        counts = text.count(begin), text.count(end)
         block = markdown_block(section, bench)
-        if counts == (0, 0):
+        place = marked_range(text, section.name)
+        if place is None:
             above = text.rstrip("\n")
             text = (f"{above}\n\n" if above else "") + f"## {section.title}\n\n{block}\n"
-            continue
-        start, stop = text.find(begin), text.find(end)
-        if counts != (1, 1) or stop < start:
-            raise BaselineError(
-                f"markers of section {section.name}: expected {begin!r} and then {end!r} once "
-                f"each, found {counts[0]} and {counts[1]}"
-            )
-        text = text[:start] + block + text[stop + len(end) :]
+        else:
+            text = text[: place[0]] + block + text[place[1] :]
     return text
+
+
+def check_markdown(path: Path, names: Sequence[str]) -> None:
+    """Refuse a Markdown file whose markers are damaged, before anything is measured.
+
+    Raises
+    ------
+    BaselineError
+        Damaged markers of one of the sections ``names``.
+    """
+    if path.exists():
+        text = path.read_text(encoding="utf-8")
+        for name in names:
+            marked_range(text, name)
 
 
 def update_markdown(path: Path, sections: Sequence[Section], bench: Bench) -> Path:

@@ -93,15 +93,18 @@ def bench(
     names = sections.chosen(only)
     if json_file is not None and json_file.exists() and not force:
         storage.refuse(json_file)
+    if markdown is not None:
+        report.check_markdown(markdown, names)
     if out is not None:
         storage.claim_directory(out, force=force)
     results = []
+    current = names[0]
     stopped: Exception | KeyboardInterrupt | None = None
     with _measurement_progress() as progress:
         settings = Bench(repeats, seconds, episodes, long, progress)
         try:
-            for name in names:
-                results.append(sections.run(name, settings))
+            for current in names:
+                results.append(sections.run(current, settings))
                 console.print(report.terminal_table(results[-1]))
         except (BaselineError, drm_env.DrmError, OSError, KeyboardInterrupt) as reason:
             stopped = reason
@@ -122,5 +125,5 @@ def bench(
     if files:
         console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
     if stopped is not None:
-        errors.print(f"stopped in section {names[len(results)]}; those before it are complete")
+        errors.print(f"stopped in section {current}; those before it are complete")
         raise stopped
