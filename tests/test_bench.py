@@ -188,6 +188,18 @@ def test_sizes_and_threads() -> None:
     assert scaling.thread_counts(6) == [1, 2, 4, 6]
 
 
+def test_each_size_is_paired_with_one_environment_of_the_same_rounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(scaling, "SIZES", (1, 4))
+    monkeypatch.setattr(scaling, "cores", lambda: 1)
+    rounds: list[tuple[str, int, int]] = []
+    section = scaling.run(Bench(2, 0, progress=lambda *shown: rounds.append(shown)))
+    assert [row.relative_to for row in section.rows] == ["", "1 thread, 1 environment"]
+    # two candidates in each of two rounds: the batch, and one environment beside it
+    assert rounds[-1] == ("scaling: 4", 4, 4)
+
+
 def test_figures_have_three_digits_or_all_of_the_integer_part() -> None:
     shown = [report.figure(value) for value in (0.0, 0.012345, 1.2345, 99.96, 12345.6, -2.5)]
     assert shown == ["0", "0.0123", "1.23", "100.0", "12,346", "-2.50"]

@@ -12,6 +12,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from drm_baselines import storage
 from drm_baselines.bench.measure import Spread
@@ -52,6 +53,10 @@ def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Pat
     axis.tick_params(axis="y", labelsize="small")
     if max(medians) > 5.0 * min(medians):
         axis.set_xscale("log")
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_ylim(-0.6, len(rows) - 0.4)
     axis.set_xlabel("ratio (median; smallest and largest)")
     axis.grid(alpha=0.3, axis="x")
     axis.set_title(section.title)

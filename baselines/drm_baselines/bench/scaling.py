@@ -17,6 +17,7 @@ from drm_baselines.bench.vector import batch_stepper
 
 SIZES = geometric_sizes(1, 65_536, 4)
 RATIO_SIZES = (256, 1024, 4096, 16_384)
+_REFERENCE = "1 thread, 1 environment"
 _UNIT = "steps/s"
 
 
@@ -26,16 +27,19 @@ def thread_counts(available: int) -> list[int]:
 
 
 def _size(bench: Bench, num_envs: int, threads: list[int]) -> Measured:
-    batches = {count: drm_env.DrmVectorEnv(num_envs, num_threads=count) for count in threads}
+    """Measure one size, in every round beside a batch of one on one thread."""
+    batches = {str(count): drm_env.DrmVectorEnv(num_envs, num_threads=count) for count in threads}
+    if num_envs > 1:
+        batches[_REFERENCE] = drm_env.DrmVectorEnv(1, num_threads=1)
 
-    def timed(count: int) -> Callable[[], float]:
-        step = batch_stepper(batches[count])
-        block = max(1, 256 // num_envs)
-        return lambda: num_envs / seconds_per_call(step, bench.seconds, block=block)
+    def timed(batch: drm_env.DrmVectorEnv) -> Callable[[], float]:
+        step = batch_stepper(batch)
+        block = max(1, 256 // batch.num_envs)
+        return lambda: batch.num_envs / seconds_per_call(step, bench.seconds, block=block)
 
     try:
         return bench.interleave(
-            f"scaling: {num_envs}", {str(count): timed(count) for count in threads}
+            f"scaling: {num_envs}", {name: timed(batch) for name, batch in batches.items()}
         )
     finally:
         for batch in batches.values():
@@ -51,10 +55,9 @@ def run(bench: Bench) -> Section:
     rows: list[Row] = []
     headline: dict[str, float | None] = {}
     lines: dict[str, list[Spread]] = {}
-    smallest: Measured = {}
     for num_envs in SIZES:
         measured = _size(bench, num_envs, threads)
-        smallest = smallest or measured
+        reference = measured.pop(_REFERENCE, None)
         for count, values in measured.items():
             label = f"{count} thread" + ("" if count == "1" else "s")
             lines.setdefault(label, []).append(Spread.of(values))
@@ -62,8 +65,8 @@ def run(bench: Bench) -> Section:
             if count == "2" and num_envs in RATIO_SIZES:
                 ratio, partner = paired_ratio(values, measured["1"]), "1 thread, same batch"
                 headline[f"two_threads_over_one_{num_envs}"] = ratio.median
-            elif count == "1" and num_envs > 1:
-                ratio, partner = paired_ratio(values, smallest["1"]), "1 thread, 1 environment"
+            elif count == "1" and reference is not None:
+                ratio, partner = paired_ratio(values, reference), _REFERENCE
             rows.append(Row(f"{num_envs:,} x {label}", Spread.of(values), _UNIT, ratio, partner))
     curve = Curve(
         "scaling",
