@@ -18,7 +18,17 @@ from drm_baselines.cli.common import parse_options, parse_value
 from drm_baselines.cli.demo import fresh_directory, verdict
 from drm_baselines.errors import BaselineError
 
-COMMANDS = ("info", "modes", "simulate", "compare", "train", "evaluate", "demo", "reproduce")
+COMMANDS = (
+    "info",
+    "modes",
+    "simulate",
+    "compare",
+    "train",
+    "evaluate",
+    "demo",
+    "reproduce",
+    "bench",
+)
 
 TINY_PPO = """
 algorithm = "ppo"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import typer
 
+from drm_baselines.cli.bench import bench
 from drm_baselines.cli.compare import compare
 from drm_baselines.cli.demo import demo
 from drm_baselines.cli.evaluate import evaluate
@@ -26,7 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (info, modes, simulate, compare, train, evaluate, demo, reproduce):
+for _command in (info, modes, simulate, compare, train, evaluate, demo, reproduce, bench):
     app.command()(_command)
 
 

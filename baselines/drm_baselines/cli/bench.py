@@ -1,0 +1,129 @@
+"""``drm bench``: what the engine costs, as ratios to what is measured beside it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+import drm_env
+from drm_baselines import storage
+from drm_baselines.cli.common import console, errors, guarded, progress_bar
+from drm_baselines.errors import BaselineError
+
+
+@contextlib.contextmanager
+def _measurement_progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a function that shows (label, done, total) measurements as one bar a label."""
+    with progress_bar() as progress:
+        tasks: dict[str, Any] = {}
+
+        def show(label: str, done: int, total: int) -> None:
+            if label not in tasks:
+                tasks[label] = progress.add_task(label, total=total, note="measurements")
+            progress.update(tasks[label], completed=done, total=total)
+
+        yield show
+
+
+def _list_table(sections: dict[str, str]) -> Table:
+    table = Table(header_style="bold")
+    table.add_column("section")
+    table.add_column("what is measured")
+    for name, text in sections.items():
+        table.add_row(name, text)
+    return table
+
+
+@guarded
+def bench(
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Section to run (--list names them). May be repeated; all by default.",
+            show_default=False,
+        ),
+    ] = None,
+    show_list: Annotated[
+        bool, typer.Option("--list", help="List the sections and do nothing else.")
+    ] = False,
+    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each candidate.")] = 5,
+    seconds: Annotated[
+        int, typer.Option(min=1, help="About how long one measurement of a stepping loop lasts, s.")
+    ] = 1,
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of the section rollout.")] = 10_000,
+    long: Annotated[
+        int,
+        typer.Option(min=1, help="Environment steps over which memory is watched for growth."),
+    ] = 1_000_000,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Directory for bench.json, bench.csv and pictures (PNG)."),
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the results to this file as JSON.")
+    ] = None,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the tables into this Markdown file, between the comments "
+            "'<!-- drm bench: begin SECTION -->' and '<!-- drm bench: end SECTION -->', or "
+            "at its end where a section has none."
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
+) -> None:
+    """Measure the engine beside its yardsticks.
+
+    Each candidate is measured in turn, again and again, on the machine as it is; a row shows the
+    median with the smallest and the largest, and the ratio to another candidate of the same run,
+    taken pair by pair. What cannot be measured here (no C compiler, no numba, no valgrind) is
+    said below the table; a last table holds all ratios. Close other programs first.
+    """
+    from drm_baselines.bench import report, sections
+    from drm_baselines.bench.results import Bench
+
+    if show_list:
+        console.print(_list_table(sections.SECTIONS))
+        return
+    names = sections.chosen(only)
+    if json_file is not None and json_file.exists() and not force:
+        storage.refuse(json_file)
+    if markdown is not None:
+        report.check_markdown(markdown, names)
+    if out is not None:
+        storage.claim_directory(out, force=force)
+    results = []
+    current = names[0]
+    stopped: Exception | KeyboardInterrupt | None = None
+    with _measurement_progress() as progress:
+        settings = Bench(repeats, seconds, episodes, long, progress)
+        try:
+            for current in names:
+                results.append(sections.run(current, settings))
+                console.print(report.terminal_table(results[-1]))
+        except (BaselineError, drm_env.DrmError, OSError, KeyboardInterrupt) as reason:
+            stopped = reason
+    if len(results) > 1:
+        console.print(report.ratio_table(results))
+    files = []
+    content = report.data(results, settings)
+    if json_file is not None:
+        files.append(storage.write_json(json_file, content, overwrite=force))
+    if markdown is not None:
+        files.append(report.update_markdown(markdown, results, settings))
+    if out is not None:
+        from drm_baselines.bench import pictures
+
+        files.append(storage.write_json(out / "bench.json", content, overwrite=force))
+        files.append(report.write_csv(out / "bench.csv", results, overwrite=force))
+        files.extend(pictures.plot_all(results, out, overwrite=force))
+    if files:
+        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+    if stopped is not None:
+        errors.print(f"stopped in section {current}; those before it are complete")
+        raise stopped
