@@ -31,6 +31,7 @@ pub mod distribution;
 pub mod env;
 pub mod error;
 pub mod flight;
+pub mod functions;
 pub mod implicit;
 pub mod integrator;
 pub mod lane;
