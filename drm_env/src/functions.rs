@@ -39,7 +39,7 @@ const EXPONENTIAL: [f64; 10] = [
     2.480_150_474_010_21e-5,
     2.755_722_816_084_142_5e-6,
     2.762_623_420_233_172e-7,
-    2.511_441_814_685_502_8e-8,
+    2.511_441_814_685_503e-8,
 ];
 
 /// `(e^(2 r) - 1) / r` in powers of `r`, for `r` up to `ln(2) / 4` either way; the error of
@@ -110,8 +110,9 @@ pub fn ln<T: Lane>(x: T) -> T {
     let halved = T::splat(SQRT_2).below(mantissa);
     let scale = halved.mul_add(T::splat(-0.5), T::splat(1.0));
     let excess = mantissa.mul_add(scale, T::splat(-1.0));
-    // x - x is zero unless x is not finite
-    ln_scaled(excess + (x - x), -(exponent + halved))
+    // 0 x is zero unless x is not finite
+    let excess = x.mul_add(T::splat(0.0), excess);
+    ln_scaled(excess, -(exponent + halved))
 }
 
 /// `ln(1 + x)` for `x` above -1 and up to 1e307, to 2 ulp of the result however small it is.

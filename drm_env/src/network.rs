@@ -50,6 +50,7 @@ pub struct Layer {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
     inputs: usize,
+    widest: usize,
     layers: Vec<Dense>,
     activation: Activation,
     output: Output,
@@ -97,8 +98,13 @@ impl Network {
                 .map_err(|error| error.within(&format!("layers[{index}]")))?;
             dense.push(made);
         }
+        let inputs = dense.first().map_or(0, |layer| layer.inputs);
         Ok(Self {
-            inputs: dense.first().map_or(0, |layer| layer.inputs),
+            inputs,
+            widest: dense
+                .iter()
+                .map(|layer| layer.outputs)
+                .fold(inputs, usize::max),
             layers: dense,
             activation,
             output,
@@ -133,7 +139,10 @@ impl Network {
             return Ok(());
         };
         let Scratch { values, next } = scratch;
-        values.clear();
+        for buffer in [&mut *values, next] {
+            buffer.clear();
+            buffer.reserve(self.widest);
+        }
         values.extend_from_slice(observation);
         for layer in hidden {
             next.resize(layer.outputs, T::splat(0.0));
@@ -552,12 +561,15 @@ mod tests {
 
     #[test]
     fn memory_is_taken_once_and_what_was_in_it_does_not_matter() {
-        let network =
-            Network::new(&layers(3, &[4, 20, 7, 2]), Activation::Tanh, Output::Clip).unwrap();
+        let network = Network::new(
+            &layers(3, &[4, 7, 2, 20, 2]),
+            Activation::Tanh,
+            Output::Clip,
+        )
+        .unwrap();
         let mut scratch = Scratch::new();
         let mut action = [0.0; 2];
         network.act(&[5.0; 4], &mut scratch, &mut action).unwrap();
-        network.act(&[9.0; 4], &mut scratch, &mut action).unwrap();
         let memory = |scratch: &Scratch<f64>| {
             let mut memory = [scratch.values.as_ptr(), scratch.next.as_ptr()];
             memory.sort_unstable();
