@@ -164,7 +164,7 @@ fn exp_parts<T: Lane>(x: T) -> (T, T) {
     (excess, whole.power_of_two())
 }
 
-/// Exponential function, to 1 ulp; arguments beyond 700 either way, infinities among them, count as
+/// Exponential function, to about 1 ulp; arguments beyond 700 either way, infinities among them, count as
 /// 700, and NaN gives NaN.
 #[inline(always)]
 pub fn exp<T: Lane>(x: T) -> T {

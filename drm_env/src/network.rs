@@ -511,7 +511,13 @@ mod tests {
     }
 
     fn identity(size: usize, scale: f32) -> Layer {
-        let weight = |i: usize| if i % (size + 1) == 0 { scale } else { 0.0 };
+        let weight = |i: usize| {
+            if i.is_multiple_of(size + 1) {
+                scale
+            } else {
+                0.0
+            }
+        };
         Layer {
             weights: (0..size * size).map(weight).collect(),
             biases: vec![0.0; size],
