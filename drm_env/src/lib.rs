@@ -45,6 +45,7 @@ pub mod metrics;
 pub mod modal;
 pub mod model;
 pub mod motor;
+pub mod network;
 pub mod options;
 pub mod parameter;
 mod plan;
