@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::{Actuator, EnvConfig, Task};
 use crate::control::WheelTorques;
 use crate::error::ConfigError;
-use crate::flight::{Flight, Pilot, Plan, lanes_of};
+use crate::flight::{Flight, Pilot, Plan, everyone, lanes_of};
 use crate::lane::{Laned, Number};
 use crate::parameter::Overrides;
 use crate::rng::{Purpose, Seed, Stream};
@@ -282,7 +282,7 @@ impl<T: Number> Cohort<T> {
             sums: RewardSums::none(),
             lost: 0,
         };
-        let spent = zero.below(samples).bits() ^ (u32::MAX >> (32 - T::WIDTH));
+        let spent = zero.below(samples).bits() ^ everyone::<T>();
         self.flight.rest(!lanes | spent);
         if lanes & !spent != 0 {
             self.flight.fly(setup.samples_per_action, &mut agent);
@@ -302,9 +302,8 @@ impl<T: Number> Cohort<T> {
             }
         }
         let reward = terms[0] + terms[1] + terms[2];
-        let everyone = u32::MAX >> (32 - T::WIDTH);
         let one = T::splat(1.0);
-        if lanes & everyone == everyone {
+        if lanes == everyone::<T>() {
             self.terms = terms;
             self.steps += one;
             self.episode_return += reward;
@@ -414,7 +413,7 @@ impl<T: Number> Pilot<T> for Agent<'_, T> {
         let (sums, flown) = (self.sums, self.flown);
         self.sums.take(flight, self.scale);
         self.flown += T::splat(1.0);
-        let still = (resting | lost) & (u32::MAX >> (32 - T::WIDTH));
+        let still = resting | lost;
         if still != 0 {
             for lane in lanes_of(still) {
                 self.sums.put_lane(lane, &sums.lane_of(lane));

@@ -274,7 +274,7 @@ impl<T: Number> Flight<T> {
 
     /// Lanes that do not fly until told otherwise, a bit each.
     pub(crate) fn rest(&mut self, lanes: u32) {
-        self.resting = lanes;
+        self.resting = lanes & everyone::<T>();
     }
 
     /// Lanes that do not fly.
@@ -453,8 +453,7 @@ impl<T: Number> Flight<T> {
                 slew.map(|torque| torque.lane(lane)),
             ));
         }
-        let everyone = u32::MAX >> (32 - T::WIDTH);
-        if alone != everyone {
+        if alone != everyone::<T>() {
             let start = self.clock.time;
             let h = (end - start) / T::splat(self.shared.steps as f64);
             let piece = &self.clock.piece;
@@ -656,6 +655,12 @@ impl<T: Number> Flight<T> {
         }
         self.common.measured = measured;
     }
+}
+
+/// A bit for each lane.
+#[inline(always)]
+pub(crate) fn everyone<T: Number>() -> u32 {
+    u32::MAX >> (32 - T::WIDTH)
 }
 
 /// Most lanes that a flight may have.
