@@ -9,7 +9,7 @@ use crate::config::EnvConfig;
 use crate::env::Env;
 use crate::error::{ConfigError, Error};
 use crate::lane::{Instructions, Laned, Pack};
-use crate::leg::{Leg, WheelDrive};
+use crate::leg::{Carried, Leg, WheelDrive};
 use crate::parameter::Overrides;
 use crate::plan::Plan;
 use crate::plant::RigidInertia;
@@ -130,7 +130,7 @@ impl<T: Vector> Work for Slew<'_, T> {
         };
         let mut steps = 0;
         for (piece, span, samples) in pieces.iter() {
-            let mut carried = None;
+            let mut carried = Carried::nothing();
             let period = span / *samples as f64;
             let h = T::splat(period / *steps_per_sample as f64);
             for sample in 0..*samples {
@@ -145,6 +145,7 @@ impl<T: Vector> Work for Slew<'_, T> {
                     until: T::splat((sample + 1) as f64 * period),
                     h,
                     steps: *steps_per_sample,
+                    still: false,
                 };
                 leg.fly::<true, false, true>(motion, &mut root, &mut tip, &mut carried);
                 steps += *steps_per_sample;

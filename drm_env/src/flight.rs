@@ -8,7 +8,7 @@ use crate::body::{Body, Motion, Outputs};
 use crate::control::{KnownInertia, LawMemory, Measurement, WheelTorques};
 use crate::error::{ConfigError, SnapshotError};
 use crate::lane::{Laned, Number, laned};
-use crate::leg::{Instant, Leg, WheelDrive};
+use crate::leg::{Carried, Leg, WheelDrive};
 use crate::lines::Lines;
 use crate::metrics::{Accumulator, Metrics, Sample};
 use crate::motor::CurrentGains;
@@ -60,14 +60,16 @@ pub struct FlightState {
 /// A wheel's constants.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WheelLimits<T> {
-    /// Largest torque, N m.
+    /// Largest torque, N m, and its reciprocal.
     pub(crate) torque: T,
+    per_torque: T,
     momentum: T,
     lag: T,
 }
 
 laned!(WheelLimits {
     torque,
+    per_torque,
     momentum,
     lag
 });
@@ -101,6 +103,7 @@ impl Fixed<f64> {
     fn new(plan: &Plan) -> Self {
         let limits = |wheel: &crate::actuator::Wheel| WheelLimits {
             torque: wheel.torque_limit,
+            per_torque: 1.0 / wheel.torque_limit,
             momentum: wheel.momentum_limit,
             lag: wheel.lag,
         };
@@ -167,6 +170,8 @@ struct Shared {
     sample_period: f64,
     integrator_step: f64,
     steps: usize,
+    /// 1 / steps
+    per_steps: f64,
     axial_load: bool,
     particle_following: bool,
 }
@@ -178,6 +183,7 @@ impl Shared {
             sample_period: scenario.sample_period,
             integrator_step: scenario.integrator_step,
             steps: plan.steps_per_sample(),
+            per_steps: 1.0 / plan.steps_per_sample() as f64,
             axial_load: scenario.dynamics.axial_load,
             particle_following: scenario.dynamics.particle_following,
         }
@@ -203,12 +209,16 @@ pub struct Flight<T: Number = f64> {
     clock: Clock<T>,
     pub(crate) common: Common<T>,
     motion: Motion<T>,
+    /// Squared torque fractions of both wheels over the last sample.
+    effort: T,
     /// Lanes that stay as they are, a bit each.
     resting: u32,
     /// Whether commands and outputs pass as they are in every lane.
     plain: bool,
     /// Whether every wheel is ideal.
     ideal: bool,
+    /// Whether the length is fixed in every lane, in the present piece.
+    still: bool,
 }
 
 impl<T: Number> Flight<T> {
@@ -222,9 +232,11 @@ impl<T: Number> Flight<T> {
             clock: Clock::spread(&single.clock),
             common: Common::spread(&single.common),
             motion: Motion::spread(&single.motion),
+            effort: T::splat(0.0),
             resting: 0,
             plain: true,
             ideal: true,
+            still: false,
         };
         flight.take_stock();
         flight
@@ -256,9 +268,11 @@ impl<T: Number> Flight<T> {
             clock: self.clock.lane_of(lane),
             common: self.common.lane_of(lane),
             motion: self.motion.one(lane),
+            effort: self.effort.lane(lane),
             resting: 0,
             plain: manoeuvre.lines.is_none(),
             ideal: manoeuvre.plan.has_ideal_wheels(),
+            still: manoeuvre.plan.timeline.piece(manoeuvre.piece).is_still(),
             manoeuvres: vec![manoeuvre],
         }
     }
@@ -270,6 +284,14 @@ impl<T: Number> Flight<T> {
             all(|m| m.plan.has_ideal_wheels()),
         );
         (self.plain, self.ideal) = (plain, ideal);
+        self.look_at_pieces();
+    }
+
+    fn look_at_pieces(&mut self) {
+        self.still = self
+            .manoeuvres
+            .iter()
+            .all(|m| m.plan.timeline.piece(m.piece).is_still());
     }
 
     /// Lanes that do not fly until told otherwise, a bit each.
@@ -307,6 +329,12 @@ impl<T: Number> Flight<T> {
     /// End of the slew profile, s.
     pub(crate) fn slew_end_time(&self) -> T {
         self.fixed.slew_end_time
+    }
+
+    /// Squared torque fractions of both wheels over the last sample.
+    #[inline(always)]
+    pub(crate) fn effort(&self) -> T {
+        self.effort
     }
 
     /// Slew angle minus its reference, rad.
@@ -352,7 +380,7 @@ impl<T: Number> Flight<T> {
     where
         T: Vector,
     {
-        let mut carried = None;
+        let mut carried = Carried::nothing();
         for _ in 0..samples {
             let resting = self.resting;
             let before = (resting != 0).then(|| (self.common, self.motion.clone(), self.clock));
@@ -364,7 +392,7 @@ impl<T: Number> Flight<T> {
                     self.motion.put(lane, &motion.one(lane));
                     self.clock.put_lane(lane, &clock.lane_of(lane));
                 }
-                carried = None;
+                carried.valid = false;
             }
             if !pilot.flown(self) {
                 break;
@@ -379,7 +407,7 @@ impl<T: Number> Flight<T> {
         &mut self,
         command: &WheelTorques<T>,
         slew: Option<T>,
-        carried: &mut Option<Instant<T>>,
+        carried: &mut Carried<T>,
     ) where
         T: Vector,
     {
@@ -408,21 +436,25 @@ impl<T: Number> Flight<T> {
             self.sense();
         }
 
-        let (of_root, of_tip) = (root_torque / root, tip_torque / tip);
+        let of_root = root_torque * self.fixed.root.per_torque;
+        let of_tip = tip_torque * self.fixed.tip.per_torque;
+        self.effort = of_root.mul_add(of_root, of_tip * of_tip);
         let sample = Sample {
             slew_angle: self.common.outputs.slew[0],
             slew_error: self.slew_error(),
             reach: self.reach(),
             deflection: self.common.outputs.tip[0],
             after_slew: one - self.clock.time.below(self.fixed.slew_end_time),
-            effort: of_root.mul_add(of_root, of_tip * of_tip),
+            effort: self.effort,
             saturated,
             power,
         };
         let lost = self.common.outputs.not_finite().bits();
-        let kept = (lost != 0).then_some(self.common.metrics);
-        self.common.metrics.take(&sample, self.fixed.direction);
-        if let Some(kept) = kept {
+        if lost == 0 {
+            self.common.metrics.take(&sample, self.fixed.direction);
+        } else {
+            let kept = self.common.metrics;
+            self.common.metrics.take(&sample, self.fixed.direction);
             for lane in lanes_of(lost) {
                 self.common.metrics.put_lane(lane, &kept.lane_of(lane));
             }
@@ -436,26 +468,24 @@ impl<T: Number> Flight<T> {
         &mut self,
         command: &WheelTorques<T>,
         slew: Option<T>,
-        carried: &mut Option<Instant<T>>,
+        carried: &mut Carried<T>,
     ) where
         T: Vector,
     {
         let end = (self.common.sample + 1.0) * self.shared.sample_period;
         let alone = self.clock.piece_end.below(end).bits() & !self.resting;
-        let mut cut: [Option<Cut>; MOST_LANES] = [const { None }; MOST_LANES];
+        let mut cuts = Vec::new();
         for lane in lanes_of(alone) {
-            cut[lane] = Some(self.fly_alone(
-                lane,
-                &WheelTorques {
-                    root: command.root.lane(lane),
-                    tip: command.tip.lane(lane),
-                },
-                slew.map(|torque| torque.lane(lane)),
-            ));
+            let command = WheelTorques {
+                root: command.root.lane(lane),
+                tip: command.tip.lane(lane),
+            };
+            let slew = slew.map(|torque| torque.lane(lane));
+            cuts.push((lane, self.fly_alone(lane, &command, slew)));
         }
         if alone != everyone::<T>() {
             let start = self.clock.time;
-            let h = (end - start) / T::splat(self.shared.steps as f64);
+            let h = (end - start) * self.shared.per_steps;
             let piece = &self.clock.piece;
             let zero = T::splat(0.0);
             let span = Span {
@@ -478,6 +508,7 @@ impl<T: Number> Flight<T> {
                         until: span.until,
                         h,
                         steps: span.steps,
+                        still: self.still,
                     };
                     let torques = if self.ideal
                         && self.shared.axial_load
@@ -514,14 +545,12 @@ impl<T: Number> Flight<T> {
             };
         }
         if alone != 0 {
-            *carried = None;
-            for lane in lanes_of(alone) {
-                if let Some(cut) = cut[lane].take() {
-                    self.motion.put(lane, &cut.motion);
-                    self.common.root.put_lane(lane, &cut.root);
-                    self.common.tip.put_lane(lane, &cut.tip);
-                    self.common.torques.put_lane(lane, &cut.torques);
-                }
+            carried.valid = false;
+            for (lane, cut) in &cuts {
+                self.motion.put(*lane, &cut.motion);
+                self.common.root.put_lane(*lane, &cut.root);
+                self.common.tip.put_lane(*lane, &cut.tip);
+                self.common.torques.put_lane(*lane, &cut.torques);
             }
         }
     }
@@ -569,6 +598,7 @@ impl<T: Number> Flight<T> {
                         until: span.until,
                         h,
                         steps,
+                        still: piece.is_still(),
                     };
                     let torques = f64::enter(General {
                         leg: &leg,
@@ -576,7 +606,7 @@ impl<T: Number> Flight<T> {
                         motion,
                         root,
                         tip,
-                        carried: &mut None,
+                        carried: &mut Carried::nothing(),
                     });
                     [torques.slew, torques.root, torques.tip]
                 }
@@ -615,6 +645,9 @@ impl<T: Number> Flight<T> {
             *piece = plan.timeline.index_from(*piece, time.lane(lane));
             let clock = Clock::new(plan, *piece, time.lane(lane));
             self.clock.put_lane(lane, &clock);
+        }
+        if switched != 0 {
+            self.look_at_pieces();
         }
         let piece = &self.clock.piece;
         let u = (time - piece.start).max(T::splat(0.0));
@@ -662,9 +695,6 @@ impl<T: Number> Flight<T> {
 pub(crate) fn everyone<T: Number>() -> u32 {
     u32::MAX >> (32 - T::WIDTH)
 }
-
-/// Most lanes that a flight may have.
-const MOST_LANES: usize = 16;
 
 /// Indices of the bits that are set.
 #[inline(always)]
@@ -726,7 +756,7 @@ struct General<'a, 'b, T: Number> {
     motion: &'a mut [T; 6],
     root: &'a mut WheelState<T>,
     tip: &'a mut WheelState<T>,
-    carried: &'a mut Option<Instant<T>>,
+    carried: &'a mut Carried<T>,
 }
 
 impl<T: Number> Work for General<'_, '_, T> {
@@ -813,9 +843,11 @@ impl Flight<f64> {
                 torques: [0.0; 3],
             },
             motion,
+            effort: 0.0,
             resting: 0,
             plain: true,
             ideal: true,
+            still: false,
             manoeuvres: vec![Manoeuvre {
                 piece: plan.timeline.index(0.0),
                 plan,
@@ -868,6 +900,7 @@ impl Flight<f64> {
         self.clock = Clock::new(self.plan(), piece, time);
         self.manoeuvres[0].piece = piece;
         self.manoeuvres[0].lines = state.lines;
+        self.look_at_pieces();
         self.common = state.common;
         self.motion = state.motion;
         Ok(())

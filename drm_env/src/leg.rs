@@ -54,6 +54,8 @@ pub(crate) struct Leg<'a, T> {
     /// Step, s.
     pub(crate) h: T,
     pub(crate) steps: usize,
+    /// Whether the length is fixed in every lane: then the matrices are those of the beginning.
+    pub(crate) still: bool,
 }
 
 /// The equations of motion at one instant of the prescribed motion.
@@ -64,6 +66,32 @@ pub(crate) struct Instant<T> {
 }
 
 laned!(Instant { prepared, slew });
+
+/// The instant at the end of a leg, for the next one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Carried<T> {
+    /// Whether the next leg begins there in the same piece.
+    pub(crate) valid: bool,
+    instant: Instant<T>,
+}
+
+impl<T: Number> Carried<T> {
+    /// Nothing yet.
+    #[inline(always)]
+    pub(crate) fn nothing() -> Self {
+        Self {
+            valid: false,
+            instant: Instant::spread(&Instant::<f64>::NONE),
+        }
+    }
+}
+
+impl Instant<f64> {
+    const NONE: Self = Self {
+        prepared: Prepared::ZERO,
+        slew: 0.0,
+    };
+}
 
 impl<T: Lane> Instant<T> {
     #[inline(always)]
@@ -127,29 +155,52 @@ impl<T: Number> Leg<'_, T> {
         Instant::new::<AXIAL, FOLLOW>(self.constants, self.inertia, self.piece, self.slew, u)
     }
 
-    /// Advances the motion and the wheels; returns the torques at the beginning. `carried` is the
-    /// instant at the beginning if the leg before ended there in the same piece, and becomes that at
-    /// the end.
+    /// A later instant of a leg of fixed length.
+    #[inline(always)]
+    fn later(&self, now: &Instant<T>, u: T) -> Instant<T> {
+        Instant {
+            prepared: now.prepared,
+            slew: match self.slew {
+                Some(torque) => torque,
+                None => slew_torque(self.inertia, self.piece, &self.piece.extension(u), u),
+            },
+        }
+    }
+
+    /// Advances the motion and the wheels; returns the torques at the beginning. `carried` holds the
+    /// instant at the beginning if the leg before ended there in the same piece, and then that at the
+    /// end.
     #[inline(always)]
     pub(crate) fn fly<const AXIAL: bool, const FOLLOW: bool, const IDEAL: bool>(
         &self,
         motion: &mut [T; 6],
         root: &mut WheelState<T>,
         tip: &mut WheelState<T>,
-        carried: &mut Option<Instant<T>>,
+        carried: &mut Carried<T>,
     ) -> Torques<T> {
         // aligns the frame, and with it the registers that are kept there
         std::hint::black_box(&mut Anchor([0; 64]));
-        let mut now = match carried.take() {
-            Some(instant) => instant,
-            None => self.instant::<AXIAL, FOLLOW>(self.from),
+        let mut now = if carried.valid {
+            carried.instant
+        } else {
+            self.instant::<AXIAL, FOLLOW>(self.from)
         };
         let mut first = Torques {
             slew: now.slew,
             root: root.applied,
             tip: tip.applied,
         };
-        if T::WIDTH == 1 {
+        if self.still {
+            for step in 0..self.steps {
+                let middle = self.later(&now, self.place(step, 0.5));
+                let end = self.later(&now, self.end_of(step));
+                let torques = self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
+                if step == 0 {
+                    (first.root, first.tip) = torques;
+                }
+                now = end;
+            }
+        } else if T::WIDTH == 1 {
             let constants = Constants::<Pack<INSTANTS>>::spread(&self.constants.lane_of(0));
             let inertia = RigidInertia::<Pack<INSTANTS>>::spread(&self.inertia.lane_of(0));
             let piece = Piece::<Pack<INSTANTS>>::spread(&self.piece.lane_of(0));
@@ -160,15 +211,20 @@ impl<T: Number> Leg<'_, T> {
                     places[2 * i] = self.place(begin + i, 0.5).lane(0);
                     places[2 * i + 1] = self.end_of(begin + i).lane(0);
                 }
-                let ahead =
-                    Instant::new::<AXIAL, FOLLOW>(&constants, &inertia, &piece, slew, Pack(places));
+                let ahead = Instant::new::<AXIAL, FOLLOW>(
+                    &constants,
+                    &inertia,
+                    &piece,
+                    slew,
+                    Pack(places),
+                );
                 for i in 0..STEPS_AHEAD.min(self.steps - begin) {
                     let middle = Instant::spread(&ahead.lane_of(2 * i));
                     let end = Instant::spread(&ahead.lane_of(2 * i + 1));
                     let torques =
                         self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
                     if begin + i == 0 {
-                        first = torques;
+                        (first.root, first.tip) = torques;
                     }
                     now = end;
                 }
@@ -179,16 +235,19 @@ impl<T: Number> Leg<'_, T> {
                 let end = self.instant::<AXIAL, FOLLOW>(self.end_of(step));
                 let torques = self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
                 if step == 0 {
-                    first = torques;
+                    (first.root, first.tip) = torques;
                 }
                 now = end;
             }
         }
-        *carried = Some(now);
+        *carried = Carried {
+            valid: true,
+            instant: now,
+        };
         first
     }
 
-    /// One Runge-Kutta step between three instants; returns the torques at its beginning.
+    /// One Runge-Kutta step between three instants; returns root and tip torque at its beginning.
     #[inline(always)]
     fn step<const FOLLOW: bool, const IDEAL: bool>(
         &self,
@@ -196,7 +255,7 @@ impl<T: Number> Leg<'_, T> {
         instants: [&Instant<T>; 3],
         root: &mut WheelState<T>,
         tip: &mut WheelState<T>,
-    ) -> Torques<T> {
+    ) -> (T, T) {
         let root = self.root.step::<IDEAL>(root, self.h);
         let tip = self.tip.step::<IDEAL>(tip, self.h);
         let slope = Slope::<T, FOLLOW> {
@@ -205,11 +264,7 @@ impl<T: Number> Leg<'_, T> {
             tip,
         };
         *motion = rk4_step(motion, self.h, slope);
-        Torques {
-            slew: instants[0].slew,
-            root: root.start,
-            tip: tip.start,
-        }
+        (root.start, tip.start)
     }
 }
 

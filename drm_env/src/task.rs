@@ -254,13 +254,10 @@ impl<T: Number> RewardSums<T> {
         let error_rate = flight.common.outputs.slew[1] - flight.clock().reference.rate;
         let swing = deflection_rate * reward.vibration_time;
         let slide = flight.reach() * error_rate.mul_add(T::splat(reward.slew_time), error);
-        let [_, root, tip] = flight.common.torques;
-        let fixed = flight.fixed();
-        let (root, tip) = (root / fixed.root.torque, tip / fixed.tip.torque);
         self.samples += T::splat(1.0);
         self.squared_vibration += deflection.mul_add(deflection, swing * swing);
         self.squared_slew = slide.mul_add(slide, self.squared_slew);
-        self.effort += root.mul_add(root, tip * tip);
+        self.effort += flight.effort();
     }
 
     /// The terms of a step of `duration` seconds, in the order of [`REWARD_NAMES`]; 0 where no sample

@@ -51,6 +51,13 @@ laned!(Piece {
     extension_accel,
 });
 
+impl Piece<f64> {
+    /// Whether the length is fixed.
+    pub(crate) fn is_still(&self) -> bool {
+        self.extension_rate == 0.0 && self.extension_accel == 0.0
+    }
+}
+
 impl<T: Lane> Piece<T> {
     /// Reference `u` seconds after the start.
     #[inline(always)]

@@ -422,6 +422,26 @@ laned!(Prepared {
     pivot,
 });
 
+impl Prepared<f64> {
+    /// All zero.
+    pub(crate) const ZERO: Self = Self {
+        velocity: [[0.0; 3]; 3],
+        k_theta: [0.0; 2],
+        k_alpha: 0.0,
+        k_beta: 0.0,
+        k_cross: 0.0,
+        a2: 0.0,
+        a2_rate: 0.0,
+        b2: 0.0,
+        b2_rate: 0.0,
+        tip_slope: 0.0,
+        tip_on_slew: 0.0,
+        inverse: [0.0; 3],
+        coupling: [0.0; 2],
+        pivot: 0.0,
+    };
+}
+
 impl<T: Lane> Prepared<T> {
     /// Inverts the elastic block.
     #[inline(always)]
