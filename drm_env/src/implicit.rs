@@ -172,10 +172,11 @@ pub enum Jump<'a, T, const N: usize> {
 #[inline(always)]
 fn factorize<T: Lane, const N: usize>(m: &mut [[T; N]; N], size: usize) {
     for k in 0..size {
-        let pivot_row = m[k];
+        let (above, below) = m.split_at_mut(k + 1);
+        let pivot_row = &mut above[k];
         let reciprocal = pivot_row[k].recip();
-        m[k][k] = reciprocal;
-        for row in m.iter_mut().take(size).skip(k + 1) {
+        pivot_row[k] = reciprocal;
+        for row in &mut below[..size - k - 1] {
             let factor = row[k] * reciprocal;
             row[k] = factor;
             for j in k + 1..size {

@@ -52,6 +52,8 @@ pub mod scene;
 pub mod shape;
 pub mod task;
 pub mod timeline;
+#[cfg(target_arch = "x86_64")]
+pub mod wide;
 
 pub use config::EnvConfig;
 pub use env::Env;

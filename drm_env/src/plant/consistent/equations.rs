@@ -19,7 +19,7 @@
 //! is multiplied by zero there. That can change the sign of a zero on the way, and of nothing else; the
 //! step ends by making every zero positive.
 
-use super::shared::{ConsistentArm, MOST, PACKED, Slots, below, packed};
+use super::shared::{ConsistentArm, MOST, Slots, below, packed};
 use crate::lane::Lane;
 
 /// What tells one lane's payload and switches from another's.
@@ -56,7 +56,7 @@ pub(super) struct Weights<T> {
 
 /// A sum of those matrices that act on the deflections alone.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stiffness<T> {
+pub(super) struct Stiffness<T, const P: usize> {
     /// Weight of Z.
     pub turning: T,
     /// Weight of P0, and of int rho W in the row of the slew angle.
@@ -64,8 +64,8 @@ pub(super) struct Stiffness<T> {
     /// Weight of dG/da - H less int rho D in the row of the slew angle.
     pub curl: T,
     /// Between the shapes of link 1, and of link 2, without what is of low rank; packed.
-    link1: [T; PACKED],
-    link2: [T; PACKED],
+    link1: [T; P],
+    link2: [T; P],
 }
 
 /// Rates that the velocity and acceleration of link 2 multiply.
@@ -79,9 +79,9 @@ pub(super) struct Turned<T, const N: usize> {
     pub growth: T,
 }
 
-/// Everything at one length. N holds the coordinates, S the tabulated functions.
+/// Everything at one length. N holds the coordinates, S the tabulated functions, P a packed matrix.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Terms<'a, T, const N: usize, const S: usize> {
+pub(super) struct Terms<'a, T, const N: usize, const S: usize, const P: usize> {
     arm: &'a ConsistentArm,
     payload: Payload<T>,
     modes: (usize, usize),
@@ -104,7 +104,7 @@ pub(super) struct Terms<'a, T, const N: usize, const S: usize> {
     /// Tabulated functions; that of Z with the payload's part.
     values: [T; S],
     /// Z between link 2's shapes, without what is of low rank.
-    turning2: [T; PACKED],
+    turning2: [T; P],
 }
 
 /// k x + y.
@@ -158,7 +158,7 @@ fn form<T: Lane>(matrix: &[T], x: &[T]) -> T {
     sum
 }
 
-impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
+impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N, S, P> {
     /// At the extension `length` (m), with as many `modes` as the arm has; without what only a moving
     /// link 2 needs unless `moving`.
     #[inline(always)]
@@ -171,28 +171,11 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
     ) -> Self {
         let (n, m) = modes;
         let slots = Slots::new(n);
-        let mut values = [T::splat(0.0); S];
-        let count = if moving { slots.count } else { slots.moving };
-        arm.table.evaluate(length, &mut values[..count]);
         let shrink = length.recip();
-        let shrink2 = shrink * shrink;
         let reach = length + arm.lengths[0];
         let centre = reach + payload.lever;
         let payload_push = payload.mass * arm.load;
-        let payload_pull = payload_push * centre;
-        for e in 0..n * (n + 1) / 2 {
-            values[slots.turning + e] =
-                (-payload_pull).mul_add(values[slots.shortening + e], values[slots.turning + e]);
-        }
-        let mut turning2 = [T::splat(0.0); PACKED];
-        let (root, tip) = (length * 0.5 + arm.lengths[0], length * 0.5);
-        let whole = payload_pull * shrink;
-        for e in 0..m * (m + 1) / 2 {
-            let own = plus(arm.pull[e], -root, length * arm.gram[e]);
-            let own = plus(arm.pull_moment[e], -tip, own);
-            turning2[e] = plus(arm.slope[e], -whole, own);
-        }
-        Self {
+        let mut terms = Self {
             arm,
             payload: *payload,
             modes,
@@ -200,17 +183,33 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
             moving,
             length,
             shrink,
-            shrink2,
+            shrink2: shrink * shrink,
             start: reach - arm.lengths[1],
             reach,
             centre,
             arm_out: length + payload.lever,
             lever_part: payload.lever * shrink,
-            payload_pull,
+            payload_pull: payload_push * centre,
             payload_push,
-            values,
-            turning2,
+            values: [T::splat(0.0); S],
+            turning2: [T::splat(0.0); P],
+        };
+        let values = &mut terms.values;
+        let count = if moving { slots.count } else { slots.moving };
+        arm.table.evaluate(length, &mut values[..count]);
+        for e in 0..n * (n + 1) / 2 {
+            let own = values[slots.turning + e];
+            values[slots.turning + e] =
+                (-terms.payload_pull).mul_add(values[slots.shortening + e], own);
         }
+        let (root, tip) = (length * 0.5 + arm.lengths[0], length * 0.5);
+        let whole = terms.payload_pull * shrink;
+        for e in 0..m * (m + 1) / 2 {
+            let own = plus(arm.pull[e], -root, length * arm.gram[e]);
+            let own = plus(arm.pull_moment[e], -tip, own);
+            terms.turning2[e] = plus(arm.slope[e], -whole, own);
+        }
+        terms
     }
 
     /// Number of coordinates.
@@ -306,7 +305,7 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
                 self.shrink,
                 -(self.payload_pull * self.shrink2),
             );
-            let mut own = [T::splat(0.0); PACKED];
+            let mut own = [T::splat(0.0); P];
             for e in 0..m * (m + 1) / 2 {
                 let fixed = arm.gram[e] - 0.5 * (arm.pull[e] + arm.pull_moment[e]);
                 own[e] = plus(arm.slope[e], -whole, T::splat(fixed));
@@ -324,10 +323,10 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
 
     /// The sum of K-like matrices with these weights of Z, of P0 and of dG/da - H.
     #[inline(always)]
-    pub fn stiffness(&self, turning: T, thrust: T, curl: T) -> Stiffness<T> {
+    pub fn stiffness(&self, turning: T, thrust: T, curl: T) -> Stiffness<T, P> {
         let (n, m) = self.modes;
         let (arm, values, slots) = (self.arm, &self.values, &self.slots);
-        let mut link1 = [T::splat(0.0); PACKED];
+        let mut link1 = [T::splat(0.0); P];
         let shortening = thrust.mul_add(self.payload_push, curl * -arm.density);
         for (e, sum) in link1.iter_mut().enumerate().take(n * (n + 1) / 2) {
             *sum = turning * values[slots.turning + e];
@@ -336,7 +335,7 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
                 *sum = shortening.mul_add(values[slots.shortening + e], *sum);
             }
         }
-        let mut link2 = [T::splat(0.0); PACKED];
+        let mut link2 = [T::splat(0.0); P];
         let (slide, slope) = (
             -(curl * self.shrink),
             thrust * self.payload_push * self.shrink,
@@ -360,7 +359,7 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
 
     /// Writes a sum of all matrices.
     #[inline(always)]
-    pub fn sum(&self, weights: &Weights<T>, stiffness: &Stiffness<T>, out: &mut [[T; N]; N]) {
+    pub fn sum(&self, weights: &Weights<T>, stiffness: &Stiffness<T, P>, out: &mut [[T; N]; N]) {
         let (n, m) = self.modes;
         let (arm, values, slots, load) = (self.arm, &self.values, &self.slots, &self.payload);
         let (a, density, l1) = (self.length, arm.density, arm.lengths[0]);
@@ -529,7 +528,7 @@ impl<'a, T: Lane, const N: usize, const S: usize> Terms<'a, T, N, S> {
     #[inline(always)]
     pub fn product(
         &self,
-        stiffness: &Stiffness<T>,
+        stiffness: &Stiffness<T, P>,
         bent: &[T; N],
         drifting: &[T; N],
         q: &[T; N],

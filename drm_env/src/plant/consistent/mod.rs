@@ -61,7 +61,7 @@ pub use shared::ConsistentArm;
 
 use equations::{Payload, Terms, Weights};
 use field::{Field, Integrals, Row};
-use shared::{MOST, Slots};
+use shared::{MOST, PACKED, Slots};
 
 /// Part of a length by which a plant may be asked beyond its extensions.
 const MARGIN: f64 = 0.01;
@@ -189,7 +189,7 @@ impl ConsistentPlant {
         Integrals::new(self.field(), &self.payload, a)
     }
 
-    fn terms(&self, a: f64) -> Terms<'_, f64, CAPACITY, { Slots::new(MOST).count }> {
+    fn terms(&self, a: f64) -> Terms<'_, f64, CAPACITY, { Slots::new(MOST).count }, PACKED> {
         Terms::new(&self.lanes.arm, &self.lanes.payload, self.modes(), a, true)
     }
 

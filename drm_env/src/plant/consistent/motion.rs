@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::ConsistentPlant;
 use super::equations::{Payload, Stiffness, Terms, Turned, Weights};
 use super::field::CAPACITY;
-use super::shared::{ConsistentArm, Slots};
+use super::shared::{ConsistentArm, PACKED, Slots};
 use crate::implicit::{Equations, GeneralizedAlpha, Jump, Motion};
 use crate::lane::Lane;
 use crate::plant::{Extension, Torques};
@@ -233,18 +233,19 @@ impl<T: Lane> ConsistentLanes<T> {
         const S4: usize = Slots::new(4).count;
         const S7: usize = Slots::new(7).count;
         const S8: usize = Slots::new(8).count;
+        // the usual numbers of modes on their own, all others by the room that they need
         let modes = self.arm.modes();
         let args = (scheme, torques, extension, h, active);
         match modes {
-            (4, 4) => self.step_of::<9, S4>((4, 4), state, args),
-            (2, 2) => self.step_of::<5, S2>((2, 2), state, args),
-            (n, m) if n + m < 9 => self.step_of::<9, S7>(modes, state, args),
-            _ => self.step_of::<CAPACITY, S8>(modes, state, args),
+            (4, 4) => self.step_of::<9, S4, 10>((4, 4), state, args),
+            (2, 2) => self.step_of::<5, S2, 3>((2, 2), state, args),
+            (n, m) if n + m < 9 => self.step_of::<9, S7, 28>(modes, state, args),
+            _ => self.step_of::<CAPACITY, S8, PACKED>(modes, state, args),
         }
     }
 
     #[inline(always)]
-    fn step_of<const N: usize, const S: usize>(
+    fn step_of<const N: usize, const S: usize, const P: usize>(
         &self,
         modes: (usize, usize),
         state: &mut ConsistentState<T>,
@@ -256,7 +257,7 @@ impl<T: Lane> ConsistentLanes<T> {
         let started = state.drive.started;
         let change = (accel - state.drive.extension_accel).where_set(started, zero);
         let moving = any(rate) || any(accel) || any(change);
-        let terms = Terms::<T, N, S>::new(&self.arm, &self.payload, modes, extension.length, moving);
+        let terms = Terms::<T, N, S, P>::new(&self.arm, &self.payload, modes, extension.length, moving);
         let mut motion = Motion::<T, N> {
             q: leading(&state.q),
             v: leading(&state.v),
@@ -282,10 +283,11 @@ impl<T: Lane> ConsistentLanes<T> {
             end.slew + end.root,
         );
         let tip = mean(begin.tip, middle.tip, end.tip);
+        // the terms with theta'^2 and theta' as at the beginning; what they miss is corrected
+        let stiffness = terms.stiffness(-square, -accel, rate * rate);
         let balance = Balance {
             terms: &terms,
-            // the terms with theta'^2 and theta' as at the beginning; what they miss is corrected
-            stiffness: terms.stiffness(-square, -accel, rate * rate),
+            stiffness: &stiffness,
             force: terms.force(slew, tip),
             damping: self.payload.damping,
             position: T::splat(1.0),
@@ -302,13 +304,14 @@ impl<T: Lane> ConsistentLanes<T> {
         let jump = if any(change) || any(start) {
             // where the flight goes on, the change of the force and of what a'' multiplies; where it
             // starts, all of the equations
+            let stiffness = terms.stiffness(
+                zero.where_set(started, -square),
+                (-change).where_set(started, -accel),
+                zero.where_set(started, rate * rate),
+            );
             let changed = Balance {
                 terms: &terms,
-                stiffness: terms.stiffness(
-                    zero.where_set(started, -square),
-                    (-change).where_set(started, -accel),
-                    zero.where_set(started, rate * rate),
-                ),
+                stiffness: &stiffness,
                 force: terms.force(
                     new_slew.where_set(started, slew),
                     new_tip.where_set(started, tip),
@@ -320,7 +323,10 @@ impl<T: Lane> ConsistentLanes<T> {
                 slew_rate: zero.where_set(started, slew_rate),
                 turned: &turned,
             };
-            let still = motion.v.map(|v| zero.where_set(started, v));
+            let mut still = motion.v;
+            for v in &mut still {
+                *v = zero.where_set(started, *v);
+            }
             first = changed.unbalanced(&motion.q, &still);
             Jump::Change {
                 change: &first,
@@ -361,9 +367,9 @@ type Arguments<'a, T> = (
 );
 
 /// The equations of a step.
-struct Balance<'a, T, const N: usize, const S: usize> {
-    terms: &'a Terms<'a, T, N, S>,
-    stiffness: Stiffness<T>,
+struct Balance<'a, T, const N: usize, const S: usize, const P: usize> {
+    terms: &'a Terms<'a, T, N, S, P>,
+    stiffness: &'a Stiffness<T, P>,
     force: [T; N],
     damping: T,
     /// What the bending of the position counts: 1, or 0 in a change.
@@ -376,7 +382,9 @@ struct Balance<'a, T, const N: usize, const S: usize> {
     turned: &'a Turned<T, N>,
 }
 
-impl<T: Lane, const N: usize, const S: usize> Equations<T, N> for Balance<'_, T, N, S> {
+impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
+    for Balance<'_, T, N, S, P>
+{
     #[inline(always)]
     fn size(&self) -> usize {
         self.terms.size()
@@ -393,7 +401,7 @@ impl<T: Lane, const N: usize, const S: usize> Equations<T, N> for Balance<'_, T,
             column,
             growth: velocity * self.rate,
         };
-        self.terms.sum(&weights, &self.stiffness, out);
+        self.terms.sum(&weights, self.stiffness, out);
         let turned = self.turned;
         out[0][0] += mass.mul_add(turned.inertia, weights.growth * turned.growth);
         let turning = velocity * self.slew_rate * 2.0;
@@ -417,7 +425,7 @@ impl<T: Lane, const N: usize, const S: usize> Equations<T, N> for Balance<'_, T,
         let column = twice * v[0];
         let mut rest = self
             .terms
-            .product(&self.stiffness, &bent, &drifting, q, column);
+            .product(self.stiffness, &bent, &drifting, q, column);
         let growth = self.rate * (self.terms.rigid_growth() + self.turned.growth);
         rest[0] += growth.mul_add(v[0], self.slew_rate * turning * 2.0);
         for i in 0..size {
@@ -508,7 +516,9 @@ impl ConsistentPlant {
 
 #[inline(always)]
 fn leading<T: Lane, const N: usize>(row: &[T; CAPACITY]) -> [T; N] {
-    std::array::from_fn(|i| row[i])
+    let mut leading = [T::splat(0.0); N];
+    leading.copy_from_slice(&row[..N]);
+    leading
 }
 
 /// Whether a value is not zero in any lane.
