@@ -301,10 +301,9 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             let bound = plus(l1, plain, a * moment * 2.0) * arm.load;
             let bound = self.payload_push.mul_add(tip, bound) * turn;
             // between link 2's shapes
-            let whole = self.payload_push.mul_add(
-                self.shrink,
-                -(self.payload_pull * self.shrink2),
-            );
+            let whole = self
+                .payload_push
+                .mul_add(self.shrink, -(self.payload_pull * self.shrink2));
             let mut own = [T::splat(0.0); P];
             for e in 0..m * (m + 1) / 2 {
                 let fixed = arm.gram[e] - 0.5 * (arm.pull[e] + arm.pull_moment[e]);
@@ -383,10 +382,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let slides = (curl * self.shrink * 2.0 - drift) * self.shrink2;
         let slides_mass = slides * load.mass * load.lever;
         let slides_spin = load.inertia * mass.mul_add(self.shrink, slides);
-        let (pull, push) = (
-            turning * arm.load,
-            thrust * arm.load,
-        );
+        let (pull, push) = (turning * arm.load, thrust * arm.load);
         // between the shapes of the two links, what the axial force takes
         let bound_plain = a * plus(-l1, pull, push);
         let bound_tip = thrust.mul_add(self.payload_push, -(turning * self.payload_pull));
@@ -567,7 +563,10 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let mut row = T::splat(0.0);
         if self.moving {
             let density = arm.density;
-            let (end_g, turn_g) = (along(&arm.end[..n], p_drift), along(&arm.turn[..n], p_drift));
+            let (end_g, turn_g) = (
+                along(&arm.end[..n], p_drift),
+                along(&arm.turn[..n], p_drift),
+            );
             let plain_g = along(&arm.plain[..m], r_drift);
             let moment_g = along(&arm.moment[..m], r_drift);
             let slope_g = along(&arm.tip_slope[..m], r_drift);
@@ -717,7 +716,9 @@ mod tests {
             let size = field.size();
             let slope = |f: &dyn Fn(&Integrals) -> DMatrix<f64>, a: f64| {
                 let h = 1e-4;
-                (f(&Integrals::new(&field, &payload, a + h)) - f(&Integrals::new(&field, &payload, a - h))) / (2.0 * h)
+                (f(&Integrals::new(&field, &payload, a + h))
+                    - f(&Integrals::new(&field, &payload, a - h)))
+                    / (2.0 * h)
             };
             // table, exact, what rounding is measured by
             type Case = (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>);

@@ -51,12 +51,7 @@ pub(super) struct Field {
 
 impl Field {
     /// Of an arm with `modes` shapes a link.
-    pub fn new(
-        arm: &Arm,
-        family: ShapeFamily,
-        modes: (usize, usize),
-        slope_turning: bool,
-    ) -> Self {
+    pub fn new(arm: &Arm, family: ShapeFamily, modes: (usize, usize), slope_turning: bool) -> Self {
         let (link1, link2) = (
             ShapeBasis::new(family, modes.0),
             ShapeBasis::new(family, modes.1),

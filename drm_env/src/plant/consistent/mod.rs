@@ -256,7 +256,9 @@ impl ConsistentPlant {
     /// Generalised force of the torques at the extension `a` (m): the motor and the root wheel work
     /// on theta; the tip wheel on the tip's turn theta + w_x(R), or on link 2's slope alone.
     pub fn force(&self, torques: &Torques<f64>, a: f64) -> DVector<f64> {
-        let force = self.terms(a).force(torques.slew + torques.root, torques.tip);
+        let force = self
+            .terms(a)
+            .force(torques.slew + torques.root, torques.tip);
         DVector::from_column_slice(&force[..self.size()])
     }
 

@@ -66,7 +66,10 @@ impl<T: Lane> ConsistentState<T> {
             extension_accel,
         } = &self.drive;
         let drive = [started, slew, root, tip, extension_accel];
-        [&self.q, &self.v, &self.a].into_iter().flatten().chain(drive)
+        [&self.q, &self.v, &self.a]
+            .into_iter()
+            .flatten()
+            .chain(drive)
     }
 
     #[inline(always)]
@@ -257,7 +260,8 @@ impl<T: Lane> ConsistentLanes<T> {
         let started = state.drive.started;
         let change = (accel - state.drive.extension_accel).where_set(started, zero);
         let moving = any(rate) || any(accel) || any(change);
-        let terms = Terms::<T, N, S, P>::new(&self.arm, &self.payload, modes, extension.length, moving);
+        let terms =
+            Terms::<T, N, S, P>::new(&self.arm, &self.payload, modes, extension.length, moving);
         let mut motion = Motion::<T, N> {
             q: leading(&state.q),
             v: leading(&state.v),

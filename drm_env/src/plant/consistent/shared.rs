@@ -204,7 +204,13 @@ impl ConsistentArm {
             density,
             inertia: arm.link1.mass_per_length * arm.link1.length.powi(3) / 3.0,
             lengths: [arm.link1.length, arm.link2.length],
-            end: std::array::from_fn(|i| if i < n { field.end_deflection[1 + i] } else { 0.0 }),
+            end: std::array::from_fn(|i| {
+                if i < n {
+                    field.end_deflection[1 + i]
+                } else {
+                    0.0
+                }
+            }),
             turn: std::array::from_fn(|i| {
                 if i < n {
                     turning * field.end_slope[1 + i]
@@ -296,7 +302,10 @@ fn tabulate(field: &Field, load: f64) -> Table {
     ];
     // rounding of the quadrature grows with what an entry could be
     let scales = |f: &dyn Fn(&Integrals) -> DMatrix<f64>| {
-        let size = |i: usize| sums.iter().fold(0.0, |m: f64, s| m.max(f(s)[(1 + i, 1 + i)].abs()));
+        let size = |i: usize| {
+            sums.iter()
+                .fold(0.0, |m: f64, s| m.max(f(s)[(1 + i, 1 + i)].abs()))
+        };
         let sizes: Vec<f64> = (0..n).map(size).collect();
         move |i: usize, k: usize| libm::sqrt(sizes[i] * sizes[k])
     };
@@ -339,11 +348,23 @@ fn tabulate(field: &Field, load: f64) -> Table {
                 values,
             };
         };
-        set(slots.lead, sums.iter().map(|s| s.mass[(0, 1 + i)]).collect());
-        set(slots.line, sums.iter().map(|s| s.offset_line[1 + i]).collect());
+        set(
+            slots.lead,
+            sums.iter().map(|s| s.mass[(0, 1 + i)]).collect(),
+        );
+        set(
+            slots.line,
+            sums.iter().map(|s| s.offset_line[1 + i]).collect(),
+        );
         let root = |a: &f64| field.inside(start + a);
-        set(slots.root, lengths.iter().map(|a| root(a).deflection[1 + i]).collect());
-        set(slots.root_slope, lengths.iter().map(|a| root(a).slope[1 + i]).collect());
+        set(
+            slots.root,
+            lengths.iter().map(|a| root(a).deflection[1 + i]).collect(),
+        );
+        set(
+            slots.root_slope,
+            lengths.iter().map(|a| root(a).slope[1 + i]).collect(),
+        );
     }
     Table::new(&interval, &functions)
 }

@@ -124,7 +124,6 @@ impl Table {
         table
     }
 
-
     /// Writes all functions at the length `a`.
     #[inline(always)]
     pub fn evaluate<T: Lane>(&self, a: T, out: &mut [T]) {
