@@ -107,8 +107,8 @@ impl GeneralizedAlpha {
         }
         if let Some(mut missed) = equations.beyond(&found) {
             solve(&factors, size, &mut missed);
-            for i in 0..size {
-                x[i] += missed[i];
+            for (x, missed) in x.iter_mut().zip(missed).take(size) {
+                *x += missed;
             }
         }
         let (q_old, q_new) = (h * h * (0.5 - self.beta), h * h * self.beta);

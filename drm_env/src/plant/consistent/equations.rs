@@ -305,9 +305,9 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
                 .payload_push
                 .mul_add(self.shrink, -(self.payload_pull * self.shrink2));
             let mut own = [T::splat(0.0); P];
-            for e in 0..m * (m + 1) / 2 {
+            for (e, own) in own.iter_mut().enumerate().take(m * (m + 1) / 2) {
                 let fixed = arm.gram[e] - 0.5 * (arm.pull[e] + arm.pull_moment[e]);
-                own[e] = plus(arm.slope[e], -whole, T::splat(fixed));
+                *own = plus(arm.slope[e], -whole, T::splat(fixed));
             }
             growing - pulled - bound - bound + form(&own, r)
         } else {
@@ -629,14 +629,14 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             let own = plus(arm.tip[j], of_tip, own);
             let mut own = plus(arm.tip_slope[j], of_slope, own);
             let mut bending = T::splat(0.0);
-            for k in 0..m {
+            for (k, bent) in r_bent.iter().enumerate() {
                 let e = if k <= j { packed(j, k) } else { packed(k, j) };
-                bending = plus(arm.stiff[e], r_bent[k], bending);
+                bending = plus(arm.stiff[e], *bent, bending);
             }
             own = stiff.mul_add(bending, own);
             if self.moving {
-                for k in 0..m {
-                    own = plus(arm.stretch[j][k], r_drift[k], own);
+                for (stretch, drifting) in arm.stretch[j].iter().zip(r_drift) {
+                    own = plus(*stretch, *drifting, own);
                 }
             }
             sum[1 + n + j] = own;

@@ -409,8 +409,13 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
         let turned = self.turned;
         out[0][0] += mass.mul_add(turned.inertia, weights.growth * turned.growth);
         let turning = velocity * self.slew_rate * 2.0;
-        for i in 1..self.size() {
-            out[0][i] = turning.mul_add(turned.force[i], out[0][i]);
+        for (entry, force) in out[0]
+            .iter_mut()
+            .zip(&turned.force)
+            .take(self.size())
+            .skip(1)
+        {
+            *entry = turning.mul_add(*force, *entry);
         }
     }
 
@@ -432,8 +437,8 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
             .product(self.stiffness, &bent, &drifting, q, column);
         let growth = self.rate * (self.terms.rigid_growth() + self.turned.growth);
         rest[0] += growth.mul_add(v[0], self.slew_rate * turning * 2.0);
-        for i in 0..size {
-            rest[i] = self.force[i] - rest[i];
+        for (rest, force) in rest.iter_mut().zip(&self.force).take(size) {
+            *rest = *force - *rest;
         }
         rest
     }

@@ -312,7 +312,8 @@ fn tabulate(field: &Field, load: f64) -> Table {
     let matrix = |f: &dyn Fn(&Integrals) -> DMatrix<f64>| -> Vec<DMatrix<f64>> {
         sums.iter().map(f).collect()
     };
-    let symmetric: [(usize, &dyn Fn(&Integrals) -> DMatrix<f64>); 5] = [
+    type Part<'a> = &'a dyn Fn(&Integrals) -> DMatrix<f64>;
+    let symmetric: [(usize, Part); 5] = [
         (slots.mass, &|s| s.mass.clone()),
         (slots.bending, &|s| s.bending.clone()),
         (slots.turning, &|s| &s.offset - &s.centrifugal * load),
