@@ -100,10 +100,10 @@ impl GeneralizedAlpha {
         }
         let mut x = equations.unbalanced(&found.q, &found.v);
         solve(&factors, size, &mut x);
-        for i in 0..size {
-            found.q[i] = of_stiffness.mul_add(x[i], found.q[i]);
-            found.v[i] = of_velocity.mul_add(x[i], found.v[i]);
-            found.a[i] = x[i] * of_mass;
+        for (i, x) in x.iter().enumerate().take(size) {
+            found.q[i] = of_stiffness.mul_add(*x, found.q[i]);
+            found.v[i] = of_velocity.mul_add(*x, found.v[i]);
+            found.a[i] = *x * of_mass;
         }
         if let Some(mut missed) = equations.beyond(&found) {
             solve(&factors, size, &mut missed);

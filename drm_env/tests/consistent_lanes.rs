@@ -68,7 +68,7 @@ impl Single {
     }
 
     fn active(&self, step: usize) -> bool {
-        (step + 3 * self.lane) % 7 != 0
+        !(step + 3 * self.lane).is_multiple_of(7)
     }
 
     fn length(&self) -> f64 {
@@ -78,7 +78,7 @@ impl Single {
     /// At rest, at a steady rate, accelerated; from half of the steps on the acceleration is another.
     fn piece(&self, step: usize) -> Piece<f64> {
         let lane = self.lane as f64;
-        if !self.deploying || self.lane % 3 == 0 {
+        if !self.deploying || self.lane.is_multiple_of(3) {
             return moving(1.0 + 0.9 * lane, 0.0, 0.0);
         }
         let accel = if step < STEPS / 2 { 0.1 } else { -0.2 };
@@ -102,7 +102,7 @@ impl Single {
     }
 }
 
-/// States of every lane after every step, each flown alone.
+/// States of every lane after every step, each flown alone; by the step.
 fn alone(singles: &[Single]) -> Vec<Vec<ConsistentState>> {
     let scheme = GeneralizedAlpha::default();
     let fly = |single: &Single| {
@@ -123,7 +123,10 @@ fn alone(singles: &[Single]) -> Vec<Vec<ConsistentState>> {
         };
         (0..STEPS).map(step).collect()
     };
-    singles.iter().map(fly).collect()
+    let flights: Vec<Vec<ConsistentState>> = singles.iter().map(fly).collect();
+    (0..STEPS)
+        .map(|step| flights.iter().map(|flight| flight[step]).collect())
+        .collect()
 }
 
 /// The same side by side, compared after every step.
@@ -136,7 +139,7 @@ fn fly_together<T: Lane>(singles: &[Single], alone: &[Vec<ConsistentState>], nam
         assert!(lanes.set_lane(lane, &single.plant));
     }
     let mut state = ConsistentState::new([zero; CAPACITY], [zero; CAPACITY]);
-    for step in 0..STEPS {
+    for (step, alone) in alone.iter().enumerate() {
         let (mut active, mut h) = (zero, zero);
         let mut torques = [Torques {
             slew: zero,
@@ -168,7 +171,7 @@ fn fly_together<T: Lane>(singles: &[Single], alone: &[Vec<ConsistentState>], nam
         lanes.step(&scheme, &mut state, &torques, &extension, h, active);
         let outputs = lanes.outputs(&state, &extension);
         for (lane, single) in singles.iter().enumerate() {
-            let (found, expected) = (state.lane(lane), &alone[lane][step]);
+            let (found, expected) = (state.lane(lane), &alone[lane]);
             assert_eq!(found, *expected, "{name} lane {lane} step {step}");
             assert!(found.is_finite(), "{name} lane {lane} step {step}");
             for (x, y) in found

@@ -479,34 +479,12 @@ impl ConsistentPlant {
         let extension = piece.extension(from + scheme.balance_point() * h);
         #[cfg(target_arch = "x86_64")]
         {
-            if is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx2")
-                && is_x86_feature_detected!("fma")
-            {
-                // SAFETY: the processor has the features that the function is compiled for
-                return unsafe { self.step_avx512(scheme, state, torques, &extension, h) };
-            }
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
                 // SAFETY: the processor has the features that the function is compiled for
                 return unsafe { self.step_avx2(scheme, state, torques, &extension, h) };
             }
         }
         self.lanes.step(scheme, state, torques, &extension, h, 1.0);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
-    fn step_avx512(
-        &self,
-        scheme: &GeneralizedAlpha,
-        state: &mut ConsistentState,
-        torques: &[Torques<f64>; 3],
-        extension: &Extension<f64>,
-        h: f64,
-    ) {
-        self.lanes.step(scheme, state, torques, extension, h, 1.0);
     }
 
     #[cfg(target_arch = "x86_64")]
