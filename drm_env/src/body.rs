@@ -12,12 +12,13 @@ use crate::flight::Span;
 use crate::implicit::GeneralizedAlpha;
 use crate::lane::{Laned, Number, laned};
 use crate::leg::{WheelDrive, slew_torque};
-use crate::plant::consistent::{ConsistentPlant, ConsistentState};
+use crate::plant::consistent::{CAPACITY, ConsistentLanes, ConsistentPlant, ConsistentState};
 use crate::plant::energy::{Energy, energy};
 use crate::plant::thesis::Constants;
 use crate::plant::{Extension, PlantModel, RigidInertia, Torques};
 use crate::scenario::Scenario;
 use crate::timeline::Piece;
+use crate::vector::Work;
 
 /// Equations of motion, a manoeuvre a lane.
 #[derive(Debug, Clone)]
@@ -25,7 +26,35 @@ pub(crate) enum Body<T> {
     /// The thesis' three degrees of freedom.
     Thesis(Constants<T>),
     /// The slope-continuous arm with its integrator.
-    Consistent(Vec<Arc<ConsistentPlant>>, GeneralizedAlpha),
+    Consistent(Box<Consistent<T>>),
+}
+
+/// The slope-continuous arm, a payload a lane.
+#[derive(Debug, Clone)]
+pub(crate) struct Consistent<T> {
+    /// All of them side by side, as long as they are of one arm.
+    lanes: ConsistentLanes<T>,
+    /// Whether they are.
+    together: bool,
+    /// Each alone.
+    plants: Vec<Arc<ConsistentPlant>>,
+    scheme: GeneralizedAlpha,
+}
+
+impl<T: Number> Consistent<T> {
+    fn of(plants: Vec<Arc<ConsistentPlant>>, scheme: GeneralizedAlpha) -> Self {
+        let mut lanes = ConsistentLanes::new(&plants[0]);
+        let mut together = true;
+        for (lane, plant) in plants.iter().enumerate() {
+            together &= lanes.set_lane(lane, plant);
+        }
+        Self {
+            lanes,
+            together,
+            plants,
+            scheme,
+        }
+    }
 }
 
 /// State of a [`Body`].
@@ -34,7 +63,7 @@ pub(crate) enum Motion<T> {
     /// theta, alpha, beta and their rates.
     Thesis([T; 6]),
     /// Any number of modes.
-    Consistent(Vec<ConsistentState>),
+    Consistent(Box<ConsistentState<T>>),
 }
 
 /// What is seen of a [`Motion`]: each a value and its rate.
@@ -84,7 +113,14 @@ impl<T: Number> Motion<T> {
     pub fn spread(single: &Motion<f64>) -> Self {
         match single {
             Motion::Thesis(motion) => Self::Thesis(Laned::spread(motion)),
-            Motion::Consistent(states) => Self::Consistent(vec![states[0]; T::WIDTH]),
+            Motion::Consistent(state) => {
+                let none = [T::splat(0.0); CAPACITY];
+                let mut all = Box::new(ConsistentState::new(none, none));
+                for lane in 0..T::WIDTH {
+                    all.set_lane(lane, state);
+                }
+                Self::Consistent(all)
+            }
         }
     }
 
@@ -92,7 +128,7 @@ impl<T: Number> Motion<T> {
     pub fn one(&self, lane: usize) -> Motion<f64> {
         match self {
             Self::Thesis(motion) => Motion::Thesis(motion.lane_of(lane)),
-            Self::Consistent(states) => Motion::Consistent(vec![states[lane]]),
+            Self::Consistent(state) => Motion::Consistent(Box::new(state.lane(lane))),
         }
     }
 
@@ -100,7 +136,7 @@ impl<T: Number> Motion<T> {
     pub fn put(&mut self, lane: usize, single: &Motion<f64>) {
         match (self, single) {
             (Self::Thesis(motion), Motion::Thesis(single)) => motion.put_lane(lane, single),
-            (Self::Consistent(states), Motion::Consistent(single)) => states[lane] = single[0],
+            (Self::Consistent(state), Motion::Consistent(single)) => state.set_lane(lane, single),
             _ => {}
         }
     }
@@ -122,7 +158,8 @@ impl Body<f64> {
                 let plant = ConsistentPlant::new(arm, payload, dynamics, (link1, link2), range)?;
                 let scheme = GeneralizedAlpha::new(dynamics.spectral_radius)
                     .map_err(|e| e.within("dynamics"))?;
-                Ok(Self::Consistent(vec![Arc::new(plant)], scheme))
+                let plants = vec![Arc::new(plant)];
+                Ok(Self::Consistent(Box::new(Consistent::of(plants, scheme))))
             }
         }
     }
@@ -139,21 +176,20 @@ impl Body<f64> {
                 start.alpha_rate,
                 start.beta_rate,
             ]),
-            Self::Consistent(plants, _) => Motion::Consistent(vec![plants[0].released(
+            Self::Consistent(body) => Motion::Consistent(Box::new(body.plants[0].released(
                 (start.slew_angle, start.slew_rate),
                 (start.alpha, start.alpha_rate),
                 (start.beta, start.beta_rate),
-            )]),
+            ))),
         }
     }
 
     /// Whether a state is one of this body's.
     pub fn owns(&self, motion: &Motion<f64>) -> bool {
-        match (self, motion) {
-            (Self::Thesis(_), Motion::Thesis(_)) => true,
-            (Self::Consistent(..), Motion::Consistent(states)) => states.len() == 1,
-            _ => false,
-        }
+        matches!(
+            (self, motion),
+            (Self::Thesis(_), Motion::Thesis(_)) | (Self::Consistent(_), Motion::Consistent(_))
+        )
     }
 
     /// Kinetic and potential energy, J.
@@ -176,8 +212,8 @@ impl Body<f64> {
                     [theta_rate, alpha_rate, beta_rate],
                 )
             }
-            (Self::Consistent(plants, _), Motion::Consistent(states)) => {
-                plants[0].energy(&states[0], extension)
+            (Self::Consistent(body), Motion::Consistent(state)) => {
+                body.plants[0].energy(state, extension)
             }
             _ => Energy {
                 kinetic: f64::NAN,
@@ -192,8 +228,9 @@ impl<T: Number> Body<T> {
     pub fn spread(single: &Body<f64>) -> Self {
         match single {
             Body::Thesis(constants) => Self::Thesis(Constants::spread(constants)),
-            Body::Consistent(plants, scheme) => {
-                Self::Consistent(vec![Arc::clone(&plants[0]); T::WIDTH], *scheme)
+            Body::Consistent(body) => {
+                let plants = vec![Arc::clone(&body.plants[0]); T::WIDTH];
+                Self::Consistent(Box::new(Consistent::of(plants, body.scheme)))
             }
         }
     }
@@ -202,8 +239,9 @@ impl<T: Number> Body<T> {
     pub fn one(&self, lane: usize) -> Body<f64> {
         match self {
             Self::Thesis(constants) => Body::Thesis(constants.lane_of(lane)),
-            Self::Consistent(plants, scheme) => {
-                Body::Consistent(vec![Arc::clone(&plants[lane])], *scheme)
+            Self::Consistent(body) => {
+                let plants = vec![Arc::clone(&body.plants[lane])];
+                Body::Consistent(Box::new(Consistent::of(plants, body.scheme)))
             }
         }
     }
@@ -212,17 +250,25 @@ impl<T: Number> Body<T> {
     pub fn accepts(&self, single: &Body<f64>) -> bool {
         match (self, single) {
             (Self::Thesis(_), Body::Thesis(_)) => true,
-            (Self::Consistent(_, scheme), Body::Consistent(_, other)) => scheme == other,
+            (Self::Consistent(body), Body::Consistent(single)) => {
+                body.scheme == single.scheme && body.lanes.fits(&single.plants[0])
+            }
             _ => false,
         }
     }
 
-    /// Replaces one lane by a body that [`Body::accepts`].
+    /// Replaces one lane by a body of the same plant.
     pub fn put(&mut self, lane: usize, single: &Body<f64>) {
         match (self, single) {
             (Self::Thesis(constants), Body::Thesis(single)) => constants.put_lane(lane, single),
-            (Self::Consistent(plants, _), Body::Consistent(single, _)) => {
-                plants[lane] = Arc::clone(&single[0]);
+            (Self::Consistent(body), Body::Consistent(single)) => {
+                body.plants[lane] = Arc::clone(&single.plants[0]);
+                if body.together {
+                    body.together = body.lanes.set_lane(lane, &single.plants[0]);
+                } else {
+                    // the others may be of this arm again
+                    **body = Consistent::of(std::mem::take(&mut body.plants), body.scheme);
+                }
             }
             _ => {}
         }
@@ -241,80 +287,128 @@ impl<T: Number> Body<T> {
                     tip: [(alpha + beta) * 2.0, (alpha_rate + beta_rate) * 2.0],
                 }
             }
-            (body, motion) => body.consistent_outputs(motion, extension),
-        }
-    }
-
-    #[inline(never)]
-    fn consistent_outputs(&self, motion: &Motion<T>, extension: &Extension<T>) -> Outputs<T> {
-        let nan = [T::splat(f64::NAN); 2];
-        let mut outputs = Outputs {
-            slew: nan,
-            alpha: nan,
-            beta: nan,
-            tip: nan,
-        };
-        if let (Self::Consistent(plants, _), Motion::Consistent(states)) = (self, motion) {
-            let half = |(value, rate): (f64, f64)| [0.5 * value, 0.5 * rate];
-            for (lane, (plant, state)) in plants.iter().zip(states).enumerate() {
-                let extension = extension.lane_of(lane);
-                let single = Outputs {
-                    slew: [state.q[0], state.v[0]],
-                    alpha: half(plant.link1_deflection(state)),
-                    beta: half(plant.link2_deflection(state)),
-                    tip: plant.tip_deflection(state, &extension).into(),
-                };
-                outputs.put_lane(lane, &single);
+            (Self::Consistent(body), Motion::Consistent(state)) => body.outputs(state, extension),
+            _ => {
+                let nan = [T::splat(f64::NAN); 2];
+                Outputs {
+                    slew: nan,
+                    alpha: nan,
+                    beta: nan,
+                    tip: nan,
+                }
             }
         }
-        outputs
     }
+}
 
-    /// Advances the consistent plant and the wheels over a span; returns slew, root and tip torque
-    /// at the beginning.
-    #[inline(never)]
-    #[allow(clippy::too_many_arguments)]
-    pub fn fly_implicitly(
-        &self,
-        inertia: &RigidInertia<T>,
-        piece: &Piece<T>,
-        slew: Option<T>,
-        (root, tip): (WheelDrive<T>, WheelDrive<T>),
-        span: &Span<T>,
-        motion: &mut Motion<T>,
-        (root_state, tip_state): (&mut WheelState<T>, &mut WheelState<T>),
-    ) -> [T; 3] {
-        let (Self::Consistent(plants, scheme), Motion::Consistent(states)) = (self, motion) else {
-            return [T::splat(f64::NAN); 3];
-        };
-        let mut first = None;
-        for step in 0..span.steps {
-            let place = |part: f64| span.h.mul_add(T::splat(step as f64 + part), span.from);
-            let root_torque = root.step::<false>(root_state, span.h);
-            let tip_torque = tip.step::<false>(tip_state, span.h);
-            let at = |u: T, root: T, tip: T| Torques {
-                slew: slew.unwrap_or_else(|| slew_torque(inertia, piece, &piece.extension(u), u)),
-                root,
-                tip,
+impl<T: Number> Consistent<T> {
+    #[inline(always)]
+    fn outputs(&self, state: &ConsistentState<T>, extension: &Extension<T>) -> Outputs<T> {
+        let mut seen = self.lanes.outputs(state, extension);
+        if !self.together {
+            for (lane, plant) in self.plants.iter().enumerate() {
+                let one = ConsistentLanes::new(plant)
+                    .outputs(&state.lane(lane), &extension.lane_of(lane));
+                seen.link1.put_lane(lane, &one.link1);
+                seen.link2.put_lane(lane, &one.link2);
+                seen.tip.put_lane(lane, &one.tip);
+            }
+        }
+        Outputs {
+            slew: seen.slew,
+            alpha: [seen.link1[0] * 0.5, seen.link1[1] * 0.5],
+            beta: [seen.link2[0] * 0.5, seen.link2[1] * 0.5],
+            tip: seen.tip,
+        }
+    }
+}
+
+/// The consistent plant over a span of the timeline.
+pub(crate) struct Implicit<'a, T: Number> {
+    pub(crate) body: &'a Consistent<T>,
+    pub(crate) inertia: &'a RigidInertia<T>,
+    pub(crate) piece: &'a Piece<T>,
+    /// Torque of the slew motor where it is not the open-loop one.
+    pub(crate) slew: Option<T>,
+    /// Root and tip wheel.
+    pub(crate) drives: [WheelDrive<T>; 2],
+    pub(crate) span: Span<T>,
+    pub(crate) state: &'a mut ConsistentState<T>,
+    pub(crate) wheels: [&'a mut WheelState<T>; 2],
+}
+
+impl<T: Number> Implicit<'_, T> {
+    /// Slew torque and the extension `u` seconds after the piece's start.
+    #[inline(always)]
+    fn at(&self, u: T) -> T {
+        match self.slew {
+            Some(torque) => torque,
+            None => slew_torque(self.inertia, self.piece, &self.piece.extension(u), u),
+        }
+    }
+}
+
+impl<T: Number> Work for Implicit<'_, T> {
+    /// Slew, root and tip torque at the beginning.
+    type Output = [T; 3];
+
+    #[inline(always)]
+    fn run(self) -> [T; 3] {
+        let zero = T::splat(0.0);
+        let mut first = [zero; 3];
+        let Consistent {
+            lanes,
+            together,
+            plants,
+            scheme,
+        } = self.body;
+        let (from, h) = (self.span.from, self.span.h);
+        let balance = scheme.balance_point();
+        let mut begin = from;
+        for step in 0..self.span.steps {
+            let root = self.drives[0].step::<false>(self.wheels[0], h);
+            let tip = self.drives[1].step::<false>(self.wheels[1], h);
+            let end = if step + 1 == self.span.steps {
+                self.span.until
+            } else {
+                h.mul_add(T::splat(step as f64 + 1.0), from)
             };
             let torques = [
-                at(place(0.0), root_torque.start, tip_torque.start),
-                at(place(0.5), root_torque.middle, tip_torque.middle),
-                at(place(1.0), root_torque.end, tip_torque.end),
+                Torques {
+                    slew: self.at(begin),
+                    root: root.start,
+                    tip: tip.start,
+                },
+                Torques {
+                    slew: self.at(h.mul_add(T::splat(0.5), begin)),
+                    root: root.middle,
+                    tip: tip.middle,
+                },
+                Torques {
+                    slew: self.at(end),
+                    root: root.end,
+                    tip: tip.end,
+                },
             ];
-            let [begin, ..] = &torques;
-            first.get_or_insert([begin.slew, begin.root, begin.tip]);
-            for (lane, (plant, state)) in plants.iter().zip(states.iter_mut()).enumerate() {
-                plant.step(
-                    scheme,
-                    state,
-                    &[0, 1, 2].map(|i: usize| torques[i].lane_of(lane)),
-                    &piece.lane_of(lane),
-                    place(0.0).lane(lane),
-                    span.h.lane(lane),
-                );
+            if step == 0 {
+                first = [torques[0].slew, torques[0].root, torques[0].tip];
             }
+            let extension = self.piece.extension(h.mul_add(T::splat(balance), begin));
+            // one environment alone chooses its instructions itself
+            if T::WIDTH > 1 && *together {
+                let active = T::splat(1.0);
+                lanes.step(scheme, self.state, &torques, &extension, h, active);
+            } else {
+                for (lane, plant) in plants.iter().enumerate() {
+                    let mut one = self.state.lane(lane);
+                    let torques = torques.lane_of(lane);
+                    let extension = extension.lane_of(lane);
+                    plant.step_at(scheme, &mut one, &torques, &extension, h.lane(lane));
+                    self.state.set_lane(lane, &one);
+                }
+            }
+            begin = end;
         }
-        first.unwrap_or([T::splat(0.0); 3])
+        first
     }
 }

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::actuator::WheelState;
-use crate::body::{Body, Motion, Outputs};
+use crate::body::{Body, Implicit, Motion, Outputs};
 use crate::control::{KnownInertia, LawMemory, Measurement, WheelTorques};
 use crate::error::{ConfigError, SnapshotError};
 use crate::lane::{Laned, Number, laned};
@@ -403,12 +403,8 @@ impl<T: Number> Flight<T> {
     /// Flies one sample period under held wheel commands; `slew` replaces the open-loop torque of
     /// the slew motor. `carried` is what the last sample of the same call has left to the next.
     #[inline(always)]
-    fn sample(
-        &mut self,
-        command: &WheelTorques<T>,
-        slew: Option<T>,
-        carried: &mut Carried<T>,
-    ) where
+    fn sample(&mut self, command: &WheelTorques<T>, slew: Option<T>, carried: &mut Carried<T>)
+    where
         T: Vector,
     {
         let (root, tip) = (self.fixed.root.torque, self.fixed.tip.torque);
@@ -464,12 +460,8 @@ impl<T: Number> Flight<T> {
     /// Integrates over one sample period. Lanes in which reference or extension switch within it fly
     /// alone, cut there.
     #[inline(always)]
-    fn integrate(
-        &mut self,
-        command: &WheelTorques<T>,
-        slew: Option<T>,
-        carried: &mut Carried<T>,
-    ) where
+    fn integrate(&mut self, command: &WheelTorques<T>, slew: Option<T>, carried: &mut Carried<T>)
+    where
         T: Vector,
     {
         let end = (self.common.sample + 1.0) * self.shared.sample_period;
@@ -527,21 +519,20 @@ impl<T: Number> Flight<T> {
                     };
                     [torques.slew, torques.root, torques.tip]
                 }
-                (body, motion) => {
-                    let drives = (
-                        self.fixed.root.drive(command.root, h, false),
-                        self.fixed.tip.drive(command.tip, h, false),
-                    );
-                    body.fly_implicitly(
-                        &self.fixed.inertia,
-                        piece,
-                        slew,
-                        drives,
-                        &span,
-                        motion,
-                        (root, tip),
-                    )
-                }
+                (Body::Consistent(body), Motion::Consistent(state)) => T::enter(Implicit {
+                    body,
+                    inertia: &self.fixed.inertia,
+                    piece,
+                    slew,
+                    drives: [
+                        self.fixed.root.drive(command.root, h, self.ideal),
+                        self.fixed.tip.drive(command.tip, h, self.ideal),
+                    ],
+                    span,
+                    state,
+                    wheels: [root, tip],
+                }),
+                _ => [T::splat(f64::NAN); 3],
             };
         }
         if alone != 0 {
@@ -610,21 +601,20 @@ impl<T: Number> Flight<T> {
                     });
                     [torques.slew, torques.root, torques.tip]
                 }
-                (body, motion) => {
-                    let drives = (
+                (Body::Consistent(body), Motion::Consistent(state)) => f64::enter(Implicit {
+                    body,
+                    inertia: &fixed.inertia,
+                    piece,
+                    slew,
+                    drives: [
                         fixed.root.drive(command.root, h, false),
                         fixed.tip.drive(command.tip, h, false),
-                    );
-                    body.fly_implicitly(
-                        &fixed.inertia,
-                        piece,
-                        slew,
-                        drives,
-                        &span,
-                        motion,
-                        (root, tip),
-                    )
-                }
+                    ],
+                    span,
+                    state,
+                    wheels: [root, tip],
+                }),
+                _ => [f64::NAN; 3],
             };
             first.get_or_insert(torques);
             time = until;

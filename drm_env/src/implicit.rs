@@ -3,6 +3,7 @@
 //! unconditionally stable, with a chosen damping of what the step cannot resolve.
 
 use crate::error::ConfigError;
+use crate::lane::Lane;
 
 /// Constants of the generalised-alpha method.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,192 +55,196 @@ impl GeneralizedAlpha {
         1.0 - self.alpha_f
     }
 
-    /// Advances by one step of length `h` (s), given the equations at the balance point.
+    /// Advances by one step of length `h` (s), given the equations at the balance point. Second order
+    /// is kept when M, C and K are those of the beginning and [`Equations::beyond`] gives the rest.
     #[inline(always)]
-    pub fn step<const N: usize>(
+    pub fn step<T: Lane, const N: usize>(
         &self,
-        motion: &mut Motion<N>,
-        balance: &Balance<N>,
-        jump: Jump<'_, N>,
-        h: f64,
+        motion: &mut Motion<T, N>,
+        equations: &impl Equations<T, N>,
+        jump: Jump<'_, T, N>,
+        h: T,
     ) {
-        self.step_corrected(motion, balance, jump, h, |_| None);
-    }
-
-    /// As [`GeneralizedAlpha::step`], for equations that are not quite linear: `beyond` gives the
-    /// force that M, C and K leave out, at the coordinates, rates and accelerations found at the
-    /// balance point without it. Second order is kept when M, C and K are those of the beginning.
-    #[inline(always)]
-    pub fn step_corrected<const N: usize>(
-        &self,
-        motion: &mut Motion<N>,
-        balance: &Balance<N>,
-        jump: Jump<'_, N>,
-        h: f64,
-        beyond: impl FnOnce(&Motion<N>) -> Option<[f64; N]>,
-    ) {
-        let Balance {
-            mass,
-            velocity,
-            stiffness,
-            force,
-        } = balance;
+        let size = equations.size().min(N);
         let point = self.balance_point();
-        let (of_mass, of_velocity, of_stiffness) = (
-            1.0 - self.alpha_m,
-            point * self.gamma * h,
-            point * self.beta * h * h,
-        );
-        let factors = Factors::new(std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                of_mass * mass[i][j] + of_velocity * velocity[i][j] + of_stiffness * stiffness[i][j]
-            })
-        }));
-        let residual = |q: &[f64; N], v: &[f64; N], a: &[f64; N]| -> [f64; N] {
-            std::array::from_fn(|i| {
-                force[i] - dot(&mass[i], a) - dot(&velocity[i], v) - dot(&stiffness[i], q)
-            })
-        };
+        let of_mass = 1.0 - self.alpha_m;
+        let (of_velocity, of_stiffness) = (h * (point * self.gamma), h * h * (point * self.beta));
+        let mut factors = [[T::splat(0.0); N]; N];
+        equations.effective(T::splat(of_mass), of_velocity, of_stiffness, &mut factors);
+        factorize(&mut factors, size);
+        let Motion { q, v, a } = motion;
         // a discontinuous force changes the acceleration at once; through the step's own matrix,
         // which leaves out the modes too fast for the step
-        match jump {
-            Jump::None => {}
-            Jump::Force(change) => {
-                let added = factors.solve(change);
-                for (a, added) in motion.a.iter_mut().zip(added) {
-                    *a += of_mass * added;
-                }
-            }
-            Jump::Start => {
-                let start = factors.solve(&residual(&motion.q, &motion.v, &[0.0; N]));
-                motion.a = start.map(|a| of_mass * a);
+        if let Jump::Change { change, started } = jump {
+            let mut added = *change;
+            solve(&factors, size, &mut added);
+            for i in 0..size {
+                let before = a[i].where_set(started, T::splat(0.0));
+                a[i] = T::splat(of_mass).mul_add(added[i], before);
             }
         }
-        let Motion { q, v, a } = motion;
-        let (v_weight, q_weight) = (
-            point * h * (1.0 - self.gamma),
-            point * h * h * (0.5 - self.beta),
-        );
-        let ahead = point * h;
-        let known = Motion {
-            q: std::array::from_fn(|i| q[i] + ahead * v[i] + q_weight * a[i]),
-            v: std::array::from_fn(|i| v[i] + v_weight * a[i]),
-            a: std::array::from_fn(|i| self.alpha_m * a[i]),
+        // with x the acceleration at the balance point over its weight, the matrix of the step takes
+        // the place of M: what is known of q, v and a there, less what x takes of it
+        let part = self.alpha_m / of_mass;
+        let ahead = h * point;
+        let of_v = h * (point * (1.0 - self.gamma)) - of_velocity * part;
+        let of_q = h * h * (point * (0.5 - self.beta)) - of_stiffness * part;
+        let mut found = Motion {
+            q: [T::splat(0.0); N],
+            v: [T::splat(0.0); N],
+            a: [T::splat(0.0); N],
         };
-        let mut next = factors.solve(&residual(&known.q, &known.v, &known.a));
-        let found = Motion {
-            q: std::array::from_fn(|i| known.q[i] + of_stiffness * next[i]),
-            v: std::array::from_fn(|i| known.v[i] + of_velocity * next[i]),
-            a: std::array::from_fn(|i| known.a[i] + of_mass * next[i]),
-        };
-        if let Some(force) = beyond(&found) {
-            for (next, correction) in next.iter_mut().zip(factors.solve(&force)) {
-                *next += correction;
+        for i in 0..size {
+            found.q[i] = of_q.mul_add(a[i], ahead.mul_add(v[i], q[i]));
+            found.v[i] = of_v.mul_add(a[i], v[i]);
+        }
+        let mut x = equations.unbalanced(&found.q, &found.v);
+        solve(&factors, size, &mut x);
+        for (i, x) in x.iter().enumerate().take(size) {
+            found.q[i] = of_stiffness.mul_add(*x, found.q[i]);
+            found.v[i] = of_velocity.mul_add(*x, found.v[i]);
+            found.a[i] = *x * of_mass;
+        }
+        if let Some(mut missed) = equations.beyond(&found) {
+            solve(&factors, size, &mut missed);
+            for (x, missed) in x.iter_mut().zip(missed).take(size) {
+                *x += missed;
             }
         }
-        for i in 0..N {
-            q[i] += h * v[i] + h * h * ((0.5 - self.beta) * a[i] + self.beta * next[i]);
-            v[i] += h * ((1.0 - self.gamma) * a[i] + self.gamma * next[i]);
+        let (q_old, q_new) = (h * h * (0.5 - self.beta), h * h * self.beta);
+        let (v_old, v_new) = (h * (1.0 - self.gamma), h * self.gamma);
+        for i in 0..size {
+            let next = T::splat(-part).mul_add(a[i], x[i]);
+            let moved = q_old.mul_add(a[i], h.mul_add(v[i], q[i]));
+            q[i] = q_new.mul_add(next, moved);
+            v[i] = v_new.mul_add(next, v_old.mul_add(a[i], v[i]));
+            a[i] = next;
         }
-        *a = next;
+    }
+}
+
+/// The equations at the balance point of a step.
+pub trait Equations<T: Lane, const N: usize> {
+    /// How many of the N coordinates there are.
+    fn size(&self) -> usize;
+
+    /// Writes mass M + velocity C + stiffness K, rows first; needs no pivoting.
+    fn effective(&self, mass: T, velocity: T, stiffness: T, out: &mut [[T; N]; N]);
+
+    /// F - C v - K q.
+    fn unbalanced(&self, q: &[T; N], v: &[T; N]) -> [T; N];
+
+    /// For equations that are not quite linear: the force that M, C and K leave out, at the
+    /// coordinates, rates and accelerations found at the balance point without it.
+    fn beyond(&self, _found: &Motion<T, N>) -> Option<[T; N]> {
+        None
     }
 }
 
 /// Coordinates, rates and the method's acceleration (that of a moment before the present).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion<const N: usize> {
+pub struct Motion<T, const N: usize> {
     /// Coordinates.
-    pub q: [f64; N],
+    pub q: [T; N],
     /// Rates, per second.
-    pub v: [f64; N],
+    pub v: [T; N],
     /// Accelerations, per second squared.
-    pub a: [f64; N],
-}
-
-/// M, C, K and F at the balance point of a step, rows first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Balance<const N: usize> {
-    /// M.
-    pub mass: [[f64; N]; N],
-    /// C.
-    pub velocity: [[f64; N]; N],
-    /// K.
-    pub stiffness: [[f64; N]; N],
-    /// F.
-    pub force: [f64; N],
+    pub a: [T; N],
 }
 
 /// What happened to the force between the last step and this one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Jump<'a, const N: usize> {
+pub enum Jump<'a, T, const N: usize> {
     /// It is continuous.
     None,
-    /// It changed by this much.
-    Force(&'a [f64; N]),
-    /// There is no last step: the acceleration follows from the equations.
-    Start,
+    /// Lane by lane: where `started` is 1 it changed by `change`; where it is 0 there is no last step:
+    /// the acceleration follows from the equations, and `change` is F - C v - K q at the beginning.
+    Change {
+        /// Force.
+        change: &'a [T; N],
+        /// 1 or 0.
+        started: T,
+    },
 }
 
-/// L U factors of a matrix that needs no pivoting (a positive definite one and small unsymmetric
-/// parts); reciprocals on the diagonal.
-#[derive(Debug, Clone, Copy)]
-struct Factors<const N: usize>([[f64; N]; N]);
-
-impl<const N: usize> Factors<N> {
-    #[inline(always)]
-    fn new(mut m: [[f64; N]; N]) -> Self {
-        for k in 0..N {
-            let pivot_row = m[k];
-            let reciprocal = 1.0 / pivot_row[k];
-            m[k][k] = reciprocal;
-            for row in m.iter_mut().skip(k + 1) {
-                let factor = row[k] * reciprocal;
-                row[k] = factor;
-                for j in k + 1..N {
-                    row[j] -= factor * pivot_row[j];
-                }
+/// L U factors in place of a matrix that needs no pivoting (a positive definite one and small
+/// unsymmetric parts); reciprocals on the diagonal.
+#[inline(always)]
+fn factorize<T: Lane, const N: usize>(m: &mut [[T; N]; N], size: usize) {
+    for k in 0..size {
+        let (above, below) = m.split_at_mut(k + 1);
+        let pivot_row = &mut above[k];
+        let reciprocal = pivot_row[k].recip();
+        pivot_row[k] = reciprocal;
+        for row in &mut below[..size - k - 1] {
+            let factor = row[k] * reciprocal;
+            row[k] = factor;
+            for j in k + 1..size {
+                row[j] = (-factor).mul_add(pivot_row[j], row[j]);
             }
         }
-        Self(m)
-    }
-
-    #[inline(always)]
-    fn solve(&self, right: &[f64; N]) -> [f64; N] {
-        let mut x = *right;
-        for i in 1..N {
-            x[i] -= dot(&self.0[i][..i], &x[..i]);
-        }
-        for i in (0..N).rev() {
-            x[i] = (x[i] - dot(&self.0[i][i + 1..], &x[i + 1..])) * self.0[i][i];
-        }
-        x
     }
 }
 
+/// Replaces a right-hand side by the solution.
 #[inline(always)]
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
+fn solve<T: Lane, const N: usize>(factors: &[[T; N]; N], size: usize, x: &mut [T; N]) {
+    for j in 0..size {
+        let known = -x[j];
+        for i in j + 1..size {
+            x[i] = known.mul_add(factors[i][j], x[i]);
+        }
+    }
+    for j in (0..size).rev() {
+        x[j] = x[j] * factors[j][j];
+        let known = -x[j];
+        for i in 0..j {
+            x[i] = known.mul_add(factors[i][j], x[i]);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// m q'' + c q' + k q = f.
+    struct Oscillator {
+        matrices: [f64; 3],
+        force: f64,
+    }
+
+    impl Equations<f64, 1> for Oscillator {
+        fn size(&self) -> usize {
+            1
+        }
+
+        fn effective(&self, mass: f64, velocity: f64, stiffness: f64, out: &mut [[f64; 1]; 1]) {
+            let [m, c, k] = self.matrices;
+            out[0][0] = mass * m + velocity * c + stiffness * k;
+        }
+
+        fn unbalanced(&self, q: &[f64; 1], v: &[f64; 1]) -> [f64; 1] {
+            let [_, c, k] = self.matrices;
+            [self.force - c * v[0] - k * q[0]]
+        }
+    }
+
     /// m q'' + c q' + k q = 0 from q = 1 at rest: state after `time`, in `steps` steps.
-    fn oscillator(radius: f64, [m, c, k]: [f64; 3], time: f64, steps: usize) -> Motion<1> {
+    fn oscillator(radius: f64, matrices: [f64; 3], time: f64, steps: usize) -> Motion<f64, 1> {
         let scheme = GeneralizedAlpha::new(radius).expect("the radius is within 0 to 1");
-        let balance = Balance {
-            mass: [[m]],
-            velocity: [[c]],
-            stiffness: [[k]],
-            force: [0.0],
-        };
+        let force = 0.0;
+        let balance = Oscillator { matrices, force };
         let mut motion = Motion {
             q: [1.0],
             v: [0.0],
             a: [0.0],
         };
-        let mut jump = Jump::Start;
+        let start = balance.unbalanced(&motion.q, &motion.v);
+        let mut jump = Jump::Change {
+            change: &start,
+            started: 0.0,
+        };
         for _ in 0..steps {
             scheme.step(&mut motion, &balance, jump, time / steps as f64);
             jump = Jump::None;
@@ -270,7 +275,7 @@ mod tests {
     /// At infinite frequency the amplitude shrinks by the spectral radius in every step.
     #[test]
     fn unresolved_modes_shrink_by_the_spectral_radius() {
-        let norm = |m: &Motion<1>| libm::hypot(libm::hypot(m.q[0], m.v[0]), m.a[0]);
+        let norm = |m: &Motion<f64, 1>| libm::hypot(libm::hypot(m.q[0], m.v[0]), m.a[0]);
         for radius in [0.5, 0.8, 0.95] {
             let at =
                 |steps: usize| norm(&oscillator(radius, [1.0, 0.0, 1e12], steps as f64, steps));
@@ -298,15 +303,15 @@ mod tests {
             };
             for step in 0..2 * steps {
                 let force = if step < steps { 0.0 } else { 5.0 };
-                let balance = Balance {
-                    mass: [[1.0]],
-                    velocity: [[0.0]],
-                    stiffness: [[4.0]],
-                    force: [force],
+                let balance = Oscillator {
+                    matrices: [1.0, 0.0, 4.0],
+                    force,
                 };
-                let jump = [5.0];
                 let jump = if step == steps {
-                    Jump::Force(&jump)
+                    Jump::Change {
+                        change: &[5.0],
+                        started: 1.0,
+                    }
                 } else {
                     Jump::None
                 };

@@ -211,13 +211,8 @@ impl<T: Number> Leg<'_, T> {
                     places[2 * i] = self.place(begin + i, 0.5).lane(0);
                     places[2 * i + 1] = self.end_of(begin + i).lane(0);
                 }
-                let ahead = Instant::new::<AXIAL, FOLLOW>(
-                    &constants,
-                    &inertia,
-                    &piece,
-                    slew,
-                    Pack(places),
-                );
+                let ahead =
+                    Instant::new::<AXIAL, FOLLOW>(&constants, &inertia, &piece, slew, Pack(places));
                 for i in 0..STEPS_AHEAD.min(self.steps - begin) {
                     let middle = Instant::spread(&ahead.lane_of(2 * i));
                     let end = Instant::spread(&ahead.lane_of(2 * i + 1));

@@ -39,26 +39,19 @@ pub(super) struct Tip {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Field {
     pub arm: Arm,
-    pub payload: PayloadProperties,
     pub link1: ShapeBasis,
     pub link2: ShapeBasis,
     /// Whether link 2 turns with the end slope of link 1.
     pub slope_turning: bool,
     /// Deflections of the shapes at their links' ends.
-    end_deflection: Row,
+    pub end_deflection: Row,
     /// Their slopes there: per m for link 1, per fraction u of the length for link 2.
-    end_slope: Row,
+    pub end_slope: Row,
 }
 
 impl Field {
     /// Of an arm with `modes` shapes a link.
-    pub fn new(
-        arm: &Arm,
-        payload: &PayloadProperties,
-        family: ShapeFamily,
-        modes: (usize, usize),
-        slope_turning: bool,
-    ) -> Self {
+    pub fn new(arm: &Arm, family: ShapeFamily, modes: (usize, usize), slope_turning: bool) -> Self {
         let (link1, link2) = (
             ShapeBasis::new(family, modes.0),
             ShapeBasis::new(family, modes.1),
@@ -77,7 +70,6 @@ impl Field {
         }
         Self {
             arm: *arm,
-            payload: *payload,
             link1,
             link2,
             slope_turning,
@@ -107,7 +99,7 @@ impl Field {
     }
 
     /// A place on link 1, or in the part of link 2 inside it, at the distance xi from the shoulder.
-    fn inside(&self, xi: f64) -> Place {
+    pub fn inside(&self, xi: f64) -> Place {
         let length = self.arm.link1.length;
         let mut place = Place {
             deflection: [0.0; CAPACITY],
@@ -218,11 +210,13 @@ pub(super) struct Integrals {
     pub centrifugal: DMatrix<f64>,
     /// int P w_x^2 per negative acceleration of the extension.
     pub thrust: DMatrix<f64>,
+    /// int w_x^2 over link 2: of an axial force of 1 N.
+    pub shortening: DMatrix<f64>,
 }
 
 impl Integrals {
     /// Sums over links and payload at the extension `a`.
-    pub fn new(field: &Field, a: f64) -> Self {
+    pub fn new(field: &Field, payload: &PayloadProperties, a: f64) -> Self {
         let size = field.size();
         let zero = || DMatrix::zeros(size, size);
         let mut sums = Self {
@@ -235,10 +229,10 @@ impl Integrals {
             bending: zero(),
             centrifugal: zero(),
             thrust: zero(),
+            shortening: zero(),
         };
         let (one, two) = (&field.arm.link1, &field.arm.link2);
         let reach = one.length + a;
-        let payload = &field.payload;
         let centre = reach + payload.length / 2.0;
         // axial force that link 2 carries at xi: its own particles beyond xi and the payload
         let pull = |xi: f64| {
@@ -293,6 +287,7 @@ impl Integrals {
                 &place.slope,
             );
             add(&mut sums.thrust, pushing * dx, &place.slope, &place.slope);
+            add(&mut sums.shortening, dx, &place.slope, &place.slope);
         };
         over(reach - two.length, one.length, &mut |sums, xi, dx| {
             link2(sums, xi, dx, &field.inside(xi));
@@ -360,20 +355,12 @@ fn add(sum: &mut DMatrix<f64>, weight: f64, left: &Row, right: &Row) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arm::PayloadInertia;
 
     /// The tip is the place at the reach, and drifts are rates of what a moving particle sees.
     #[test]
     fn drifts_are_differences_along_a_moving_particle() {
-        let payload = PayloadProperties::new(200.0, 1.0, 0.5, PayloadInertia::Full);
         for turning in [true, false] {
-            let field = Field::new(
-                &Arm::default(),
-                &payload,
-                ShapeFamily::Mono,
-                (3, 2),
-                turning,
-            );
+            let field = Field::new(&Arm::default(), ShapeFamily::Mono, (3, 2), turning);
             let (a, l1, h) = (3.0, field.arm.link1.length, 1e-5);
             let near = |x: &Row, y: &Row, tolerance: f64| {
                 for i in 0..CAPACITY {

@@ -34,13 +34,20 @@
 //! int_xi^L1 rho1 eta theta'^2 d eta. Without the axial load P0 and P2 are zero.
 //! Damping acts on the rates of the coordinates.
 //!
-//! Every integral is tabulated over the extensions of a manoeuvre as Chebyshev series exact to rounding;
-//! a step evaluates polynomials.
+//! What depends on the arm alone is made once and shared by all flights of that arm: integrals between
+//! the shapes of link 1 as Chebyshev series over all lengths, exact to rounding, and constants of
+//! link 2's shapes. The payload, closed forms of the length and the rest follow in the step, which is
+//! written over lanes: environments with different payloads side by side.
 
 mod equations;
 mod field;
 mod motion;
+mod shared;
 mod table;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -48,17 +55,17 @@ use crate::arm::{Arm, PayloadProperties};
 use crate::error::ConfigError;
 use crate::plant::energy::Energy;
 use crate::plant::{Dynamics, Extension, TipTorque, Torques};
-use crate::quadrature::gauss_legendre;
-use crate::shape::{ShapeBasis, ShapeFamily};
+use crate::shape::ShapeFamily;
 
 pub use field::CAPACITY;
-pub use motion::ConsistentState;
+pub use motion::{ConsistentLanes, ConsistentOutputs, ConsistentState};
+pub use shared::ConsistentArm;
 
-use equations::tabulate;
+use equations::{Payload, Terms, Weights};
 use field::{Field, Integrals, Row};
-use table::Table;
+use shared::{MOST, PACKED, Slots};
 
-/// Part of a length by which tables reach beyond the extensions of a manoeuvre.
+/// Part of a length by which a plant may be asked beyond its extensions.
 const MARGIN: f64 = 0.01;
 
 /// What the deflections are made of.
@@ -95,20 +102,16 @@ pub struct ConsistentMatrices {
 /// Equations of motion of the slope-continuous arm for one payload.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConsistentPlant {
-    field: Field,
+    payload: PayloadProperties,
     dynamics: Dynamics,
-    /// M, Kb and Z.
-    still: Table,
-    /// Factors of a' in C, of a'' and a'^2 in K, and dZ/da.
-    moving: Table,
-    /// Bounds of the tables, m.
+    /// Arm and payload as the step takes them.
+    lanes: ConsistentLanes<f64>,
+    /// Bounds of the extensions, m.
     range: (f64, f64),
-    /// Slope shapes of link 1 and link 2 at their ends, per m of the first and per u of the second.
-    tip_slope: Row,
 }
 
 impl ConsistentPlant {
-    /// Tabulates the equations for extensions within `extension_range` (m, in either order) with
+    /// The equations for extensions within `extension_range` (m, in either order) with
     /// `modes` shapes for link 1 and link 2. `dynamics.particle_following` has no influence: the
     /// particles are always followed.
     ///
@@ -153,34 +156,53 @@ impl ConsistentPlant {
         arm.validate_extension("extension_range", extension_range.0)?;
         arm.validate_extension("extension_range", extension_range.1)?;
         let range = (low * (1.0 - MARGIN), high * (1.0 + MARGIN));
-        let field = Field::new(
-            arm,
-            payload,
-            kinematics.shapes,
-            modes,
-            kinematics.slope_turning,
-        );
-        let (still, moving) = tabulate(&field, dynamics, range);
-        // at a unit length the slopes of link 2 are those per u
-        let tip_slope = field.tip(1.0).slope;
+        let arm = ConsistentArm::shared(arm, modes, kinematics, dynamics.axial_load);
+        let whole = match dynamics.tip_torque {
+            TipTorque::SlewAndTip => 1.0,
+            TipTorque::TipOnly => 0.0,
+        };
         Ok(Self {
-            field,
+            payload: *payload,
             dynamics: *dynamics,
-            still,
-            moving,
+            lanes: ConsistentLanes {
+                arm,
+                payload: Payload {
+                    mass: payload.mass,
+                    lever: payload.length / 2.0,
+                    inertia: payload.inertia_centre,
+                    damping: dynamics.structural_damping,
+                    whole,
+                },
+            },
             range,
-            tip_slope,
         })
+    }
+
+    /// What the equations share with those of other payloads at the same arm.
+    pub fn arm(&self) -> &Arc<ConsistentArm> {
+        &self.lanes.arm
+    }
+
+    fn field(&self) -> &Field {
+        &self.lanes.arm.field
+    }
+
+    fn sums(&self, a: f64) -> Integrals {
+        Integrals::new(self.field(), &self.payload, a)
+    }
+
+    fn terms(&self, a: f64) -> Terms<'_, f64, CAPACITY, { Slots::new(MOST).count }, PACKED> {
+        Terms::new(&self.lanes.arm, &self.lanes.payload, self.modes(), a, true)
     }
 
     /// Number of coordinates, 1 + n + m.
     pub fn size(&self) -> usize {
-        self.field.size()
+        self.field().size()
     }
 
     /// Number of shapes of link 1 and link 2.
     pub fn modes(&self) -> (usize, usize) {
-        (self.field.link1.len(), self.field.link2.len())
+        self.lanes.modes()
     }
 
     /// M, C and K about the undeflected arm that turns at `slew_rate` (rad/s), from the tables.
@@ -198,50 +220,55 @@ impl ConsistentPlant {
             return Err(ConfigError::value("extension", requirement, a));
         }
         let size = self.size();
-        let read = |table: &Table, count: usize| -> Vec<DMatrix<f64>> {
-            let mut flat = vec![0.0; count * size * size];
-            table.evaluate(a, &mut flat);
-            flat.chunks(size * size)
-                .map(|m| DMatrix::from_row_slice(size, size, m))
-                .collect()
-        };
-        let (still, moving) = (read(&self.still, 3), read(&self.moving, 4));
+        let terms = self.terms(a);
         let (ad, add) = (extension.rate, extension.accel);
+        let damping = self.dynamics.structural_damping;
+        let none = Weights {
+            mass: 0.0,
+            bending: 0.0,
+            drift: 0.0,
+            stiffness: 0.0,
+            column: 0.0,
+            growth: 0.0,
+        };
+        let sum = |weights: Weights<f64>| {
+            let stiffness = terms.stiffness(-(slew_rate * slew_rate), -add, ad * ad);
+            let mut out = [[0.0; CAPACITY]; CAPACITY];
+            terms.sum(&weights, &stiffness, &mut out);
+            DMatrix::from_fn(size, size, |i, j| out[i][j])
+        };
         Ok(ConsistentMatrices {
-            mass: still[0].clone(),
-            velocity: &moving[0] * ad + &still[1] * self.dynamics.structural_damping,
-            stiffness: &still[1] + &moving[1] * add + &moving[2] * (ad * ad)
-                - &still[2] * (slew_rate * slew_rate),
+            mass: sum(Weights { mass: 1.0, ..none }),
+            velocity: sum(Weights {
+                bending: damping,
+                drift: 2.0 * ad,
+                column: 2.0 * ad,
+                growth: ad,
+                ..none
+            }),
+            stiffness: sum(Weights {
+                bending: 1.0,
+                drift: add,
+                stiffness: 1.0,
+                ..none
+            }),
         })
     }
 
     /// Generalised force of the torques at the extension `a` (m): the motor and the root wheel work
     /// on theta; the tip wheel on the tip's turn theta + w_x(R), or on link 2's slope alone.
     pub fn force(&self, torques: &Torques<f64>, a: f64) -> DVector<f64> {
-        let force = self.load(torques, a);
+        let force = self
+            .terms(a)
+            .force(torques.slew + torques.root, torques.tip);
         DVector::from_column_slice(&force[..self.size()])
-    }
-
-    #[inline(always)]
-    fn load(&self, torques: &Torques<f64>, a: f64) -> Row {
-        let first = 1 + self.field.link1.len();
-        let whole = match self.dynamics.tip_torque {
-            TipTorque::SlewAndTip => torques.tip,
-            TipTorque::TipOnly => 0.0,
-        };
-        let mut force: Row = std::array::from_fn(|i| {
-            let share = if i < first { whole } else { torques.tip / a };
-            share * self.tip_slope[i]
-        });
-        force[0] = torques.slew + torques.root + whole;
-        force
     }
 
     /// Energy of a state, J: at a fixed length the Jacobi integral, which without torques is
     /// conserved. The centrifugal part of the axial load counts as negative kinetic energy; the
     /// constant part of the axial velocity's square is left out.
     pub fn energy(&self, state: &ConsistentState, extension: &Extension<f64>) -> Energy {
-        let sums = Integrals::new(&self.field, extension.length);
+        let sums = self.sums(extension.length);
         let (q, v) = self.columns(state);
         let (rate, ad) = (v[0], extension.rate);
         let form = |m: &DMatrix<f64>, x: &DVector<f64>, y: &DVector<f64>| x.dot(&(m * y));
@@ -263,7 +290,7 @@ impl ConsistentPlant {
 
     /// Angular momentum about the shoulder, dL/d(theta'), N m s; the torques alone change it.
     pub fn angular_momentum(&self, state: &ConsistentState, extension: &Extension<f64>) -> f64 {
-        let sums = Integrals::new(&self.field, extension.length);
+        let sums = self.sums(extension.length);
         let (q, v) = self.columns(state);
         let load = if self.dynamics.axial_load { 1.0 } else { 0.0 };
         let turning = &sums.offset - &sums.centrifugal * load;
@@ -279,8 +306,8 @@ impl ConsistentPlant {
     /// # Errors
     /// An extension outside the arm.
     pub fn natural_frequencies(&self, a: f64) -> Result<Vec<f64>, ConfigError> {
-        self.field.arm.validate_extension("extension", a)?;
-        let sums = Integrals::new(&self.field, a);
+        self.field().arm.validate_extension("extension", a)?;
+        let sums = self.sums(a);
         let elastic = self.size() - 1;
         let coupling = sums.mass.view((1, 0), (elastic, 1)).into_owned();
         let mass = sums.mass.view((1, 1), (elastic, elastic))
@@ -313,16 +340,11 @@ impl ConsistentPlant {
     ) -> ConsistentState {
         let (mut q, mut v) = ([0.0; CAPACITY], [0.0; CAPACITY]);
         (q[0], v[0]) = slew;
-        let bent = cantilever(&self.field.link1)
-            .into_iter()
-            .map(|c| (c * alpha.0, c * alpha.1))
-            .chain(
-                cantilever(&self.field.link2)
-                    .into_iter()
-                    .map(|c| (c * beta.0, c * beta.1)),
-            );
-        for (i, (position, rate)) in bent.enumerate() {
-            (q[1 + i], v[1 + i]) = (position, rate);
+        let bent = &self.lanes.arm.cantilever;
+        let link1 = self.modes().0;
+        for i in 1..self.size() {
+            let (position, rate) = if i <= link1 { alpha } else { beta };
+            (q[i], v[i]) = (bent[i] * position, bent[i] * rate);
         }
         ConsistentState::new(q, v)
     }
@@ -333,7 +355,7 @@ impl ConsistentPlant {
         state: &ConsistentState,
         extension: &Extension<f64>,
     ) -> (f64, f64) {
-        let tip = self.field.tip(extension.length);
+        let tip = self.field().tip(extension.length);
         (
             self.value(&tip.deflection, &state.q),
             self.value(&tip.deflection, &state.v)
@@ -343,7 +365,7 @@ impl ConsistentPlant {
 
     /// Slope of the tip against the rotating axis, w_x(R), rad, and its rate, rad/s.
     pub fn tip_slope(&self, state: &ConsistentState, extension: &Extension<f64>) -> (f64, f64) {
-        let tip = self.field.tip(extension.length);
+        let tip = self.field().tip(extension.length);
         (
             self.value(&tip.slope, &state.q),
             self.value(&tip.slope, &state.v)
@@ -354,13 +376,13 @@ impl ConsistentPlant {
     /// Deflection of link 2's tip from the tangent at link 1's end, y2(a), m, and its rate, m/s:
     /// what the laws know as 2 beta.
     pub fn link2_deflection(&self, state: &ConsistentState) -> (f64, f64) {
-        let own = self.field.link2_end();
+        let own = self.field().link2_end();
         (self.value(&own, &state.q), self.value(&own, &state.v))
     }
 
     /// Deflection of link 1's end, m, and its rate, m/s: what the thesis knows as 2 alpha.
     pub fn link1_deflection(&self, state: &ConsistentState) -> (f64, f64) {
-        let [deflection, _] = self.field.link1_end();
+        let [deflection, _] = self.field().link1_end();
         (
             self.value(&deflection, &state.q),
             self.value(&deflection, &state.v),
@@ -369,7 +391,7 @@ impl ConsistentPlant {
 
     /// Deflection (m) and slope (rad) of link 1's end against the rotating axis.
     pub fn link1_end(&self, state: &ConsistentState) -> (f64, f64) {
-        let [deflection, slope] = self.field.link1_end();
+        let [deflection, slope] = self.field().link1_end();
         (
             self.value(&deflection, &state.q),
             self.value(&slope, &state.q),
@@ -378,7 +400,7 @@ impl ConsistentPlant {
 
     /// Deflection w (m) from the rotating axis at the distance `xi` (m) from the shoulder.
     pub fn deflection(&self, state: &ConsistentState, extension: f64, xi: f64) -> f64 {
-        self.value(&self.field.place(extension, xi).deflection, &state.q)
+        self.value(&self.field().place(extension, xi).deflection, &state.q)
     }
 
     fn value(&self, row: &Row, coordinates: &Row) -> f64 {
@@ -393,25 +415,4 @@ impl ConsistentPlant {
         let column = |x: &Row| DVector::from_column_slice(&x[..self.size()]);
         (column(&state.q), column(&state.v))
     }
-}
-
-/// Coordinates of 3 u^2 - u^3, or of what comes nearest to it in curvature, with its deflection of 2
-/// at the end.
-fn cantilever(basis: &ShapeBasis) -> Vec<f64> {
-    let count = basis.len();
-    let (mut gram, mut right) = (DMatrix::zeros(count, count), DVector::zeros(count));
-    for (node, weight) in gauss_legendre(basis.quadrature_points() + 2) {
-        let u = (1.0 + node) / 2.0;
-        let curvatures = DVector::from_iterator(count, basis.at(u).into_iter().map(|s| s[2]));
-        gram += &curvatures * curvatures.transpose() * weight;
-        right += &curvatures * (weight * (6.0 - 6.0 * u));
-    }
-    let nearest = gram.lu().solve(&right).unwrap_or(right);
-    let end: f64 = basis
-        .at(1.0)
-        .iter()
-        .zip(nearest.iter())
-        .map(|(s, c)| s[0] * c)
-        .sum();
-    nearest.iter().map(|c| c * 2.0 / end).collect()
 }

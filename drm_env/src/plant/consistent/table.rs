@@ -1,19 +1,17 @@
-//! Matrices that depend on the length, as Chebyshev series of their entries.
-//!
-//! An integral over link 2's own shapes is a short polynomial of the length a over a power of a,
-//! every other one a polynomial (or entire) function: so the series of an entry times that power ends
-//! at rounding after few terms.
+//! Functions of the length as Chebyshev series, evaluated side by side.
 
-use nalgebra::DMatrix;
+use crate::lane::Lane;
 
 /// Largest number of terms of a series.
-pub(super) const LONGEST: usize = 128;
-/// Entries evaluated side by side.
-const WIDTH: usize = 8;
+const LONGEST: usize = 128;
+/// Terms for which polynomial shapes have a short way.
+const SHORT: usize = 16;
+/// Series evaluated side by side.
+pub(super) const GROUP: usize = 8;
 /// Part of an entry's size below which the rest of its series is rounding.
 const ROUNDING: f64 = 5e-16;
 
-/// The lengths at which a table samples, and the polynomials on them.
+/// The lengths at which functions are sampled, and the polynomials on them.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Interval {
     middle: f64,
@@ -47,9 +45,10 @@ impl Interval {
             .collect()
     }
 
-    /// Coefficients of the series through values at the nodes.
-    fn series(&self, values: &[f64]) -> Vec<f64> {
-        (0..self.nodes)
+    /// Coefficients of the series through values at the nodes, up to what is rounding of a function
+    /// as large as `scale`.
+    fn series(&self, values: &[f64], scale: f64) -> Vec<f64> {
+        let mut series: Vec<f64> = (0..self.nodes)
             .map(|order| {
                 let sum: f64 = values
                     .iter()
@@ -58,233 +57,102 @@ impl Interval {
                     .sum();
                 sum * if order == 0 { 1.0 } else { 2.0 } / self.nodes as f64
             })
-            .collect()
-    }
-
-    /// Derivative with respect to the length, at the nodes, of a function known there.
-    fn derivative(&self, values: &[f64]) -> Vec<f64> {
-        let mut series = self.series(values);
-        let size = series.iter().fold(0.0, |size: f64, c| size.max(c.abs()));
-        let terms = ending(&series, ROUNDING * size);
+            .collect();
+        let terms = series
+            .iter()
+            .rposition(|c| c.abs() > ROUNDING * scale)
+            .map_or(0, |last| last + 1);
         series.truncate(terms);
-        let mut slope = vec![0.0; terms + 2];
-        for order in (1..terms).rev() {
-            slope[order - 1] = slope[order + 1] + 2.0 * order as f64 * series[order];
-        }
-        slope[0] /= 2.0;
-        (0..self.nodes)
-            .map(|node| {
-                let terms = slope.iter().enumerate();
-                let sum: f64 = terms
-                    .map(|(order, c)| c * self.polynomial(order, node))
-                    .sum();
-                sum / self.half
-            })
-            .collect()
+        series
     }
 }
 
-/// Number of terms before all are at most `negligible`.
-fn ending(series: &[f64], negligible: f64) -> usize {
-    series
-        .iter()
-        .rposition(|c| c.abs() > negligible)
-        .map_or(0, |last| last + 1)
-}
-
-/// One matrix at every node of an interval. `plain` is the number of leading coordinates between
-/// which entries need no power of the length; the others are multiplied by a^`power`.
+/// A function sampled at the nodes of an interval, and the size by which its rounding is measured.
 #[derive(Debug, Clone)]
 pub(super) struct Sampled {
-    pub values: Vec<DMatrix<f64>>,
-    pub power: usize,
-    pub plain: usize,
+    pub values: Vec<f64>,
+    pub scale: f64,
 }
 
-impl Sampled {
-    fn power(&self, i: usize, j: usize) -> usize {
-        if i.max(j) < self.plain { 0 } else { self.power }
-    }
-
-    fn entry(&self, i: usize, j: usize) -> impl Iterator<Item = f64> {
-        self.values.iter().map(move |m| m[(i, j)])
-    }
-
-    /// dX/da; of one power more.
-    pub fn derivative(&self, interval: &Interval) -> Self {
-        let lengths = interval.lengths();
-        let mut result = self.clone();
-        result.power += 1;
-        let (rows, columns) = self.values[0].shape();
-        for i in 0..rows {
-            for j in 0..columns {
-                let power = self.power(i, j) as i32;
-                // X = Q / a^p: X_a = (Q_a - p Q / a) / a^p
-                let cleared: Vec<f64> = self
-                    .entry(i, j)
-                    .zip(&lengths)
-                    .map(|(x, a)| x * a.powi(power))
-                    .collect();
-                let slope = interval.derivative(&cleared);
-                for (node, a) in lengths.iter().enumerate() {
-                    let clear = slope[node] - f64::from(power) * cleared[node] / a;
-                    result.values[node][(i, j)] = clear / a.powi(power);
-                }
-            }
-        }
-        result
-    }
-
-    /// Node by node.
-    pub fn map(&self, power: usize, f: impl Fn(usize, &DMatrix<f64>) -> DMatrix<f64>) -> Self {
-        Self {
-            values: self
-                .values
-                .iter()
-                .enumerate()
-                .map(|(node, m)| f(node, m))
-                .collect(),
-            power,
-            plain: self.plain,
-        }
-    }
-}
-
-/// Up to [`WIDTH`] series of the same power.
-#[derive(Debug, Clone, PartialEq)]
-struct Chunk {
-    power: usize,
+/// [`GROUP`] series, interleaved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Group {
     terms: usize,
-    /// First coefficient; the series of a chunk are interleaved.
+    /// First coefficient.
     start: usize,
-    count: usize,
-    /// Where each value goes, and where its mirror image does.
-    targets: [[u16; 2]; WIDTH],
 }
 
-/// Several matrices of one size as functions of the length.
+/// Functions of the length.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Table {
     middle: f64,
-    half: f64,
-    chunks: Vec<Chunk>,
-    coefficients: Vec<f64>,
+    per_half: f64,
     longest: usize,
+    groups: Vec<Group>,
+    coefficients: Vec<f64>,
 }
 
 impl Table {
-    /// Series of every entry of `matrices`; a symmetric matrix is evaluated by its lower triangle.
-    pub fn new(interval: &Interval, matrices: &[&Sampled]) -> Self {
-        let lengths = interval.lengths();
-        let mut entries: Vec<(usize, Vec<f64>, [u16; 2])> = Vec::new();
-        for (slot, matrix) in matrices.iter().enumerate() {
-            let size = matrix.values[0].nrows();
-            let cleared = |i: usize, j: usize| -> Vec<f64> {
-                let power = matrix.power(i, j) as i32;
-                matrix
-                    .entry(i, j)
-                    .zip(&lengths)
-                    .map(|(x, a)| x * a.powi(power))
-                    .collect()
-            };
-            let largest = |values: &[f64]| values.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-            let sizes = DMatrix::from_fn(size, size, |i, j| largest(&cleared(i, j)));
-            let symmetric = matrix
-                .values
-                .iter()
-                .all(|m| (m - m.transpose()).amax() <= 1e-14 * m.amax());
-            for i in 0..size {
-                for j in 0..size {
-                    if symmetric && j > i {
-                        continue;
-                    }
-                    // rounding of the quadrature grows with what an entry could be
-                    let scale = libm::sqrt(sizes.row(i).max() * sizes.column(j).max());
-                    let mut series = interval.series(&cleared(i, j));
-                    let terms = ending(&series, ROUNDING * scale);
-                    series.truncate(terms);
-                    if terms > 0 {
-                        let target = |i, j| (slot * size * size + i * size + j) as u16;
-                        let mirror = if symmetric {
-                            target(j, i)
-                        } else {
-                            target(i, j)
-                        };
-                        entries.push((matrix.power(i, j), series, [target(i, j), mirror]));
-                    }
-                }
-            }
-        }
-        entries.sort_by_key(|(power, series, _)| (*power, series.len()));
+    /// Series of functions sampled at the nodes of an interval.
+    pub fn new(interval: &Interval, functions: &[Sampled]) -> Self {
         let mut table = Self {
             middle: interval.middle,
-            half: interval.half,
-            chunks: Vec::new(),
+            per_half: 1.0 / interval.half,
+            longest: 0,
+            groups: Vec::new(),
             coefficients: Vec::new(),
-            longest: entries
-                .iter()
-                .map(|(_, series, _)| series.len())
-                .max()
-                .unwrap_or(0),
         };
-        for same_power in entries.chunk_by(|one, other| one.0 == other.0) {
-            for group in same_power.chunks(WIDTH) {
-                let terms = group
-                    .iter()
-                    .map(|(_, series, _)| series.len())
-                    .max()
-                    .unwrap_or(0);
-                let start = table.coefficients.len();
-                for order in 0..terms {
-                    for lane in 0..WIDTH {
-                        let series = group.get(lane).map(|(_, series, _)| series);
-                        let c = series.and_then(|series| series.get(order)).copied();
-                        table.coefficients.push(c.unwrap_or(0.0));
-                    }
+        for group in functions.chunks(GROUP) {
+            let series: Vec<Vec<f64>> = group
+                .iter()
+                .map(|function| interval.series(&function.values, function.scale))
+                .collect();
+            let terms = series.iter().map(Vec::len).max().unwrap_or(0);
+            table.groups.push(Group {
+                terms,
+                start: table.coefficients.len(),
+            });
+            for order in 0..terms {
+                for function in 0..GROUP {
+                    let series = series.get(function);
+                    let c = series.and_then(|series| series.get(order)).copied();
+                    table.coefficients.push(c.unwrap_or(0.0));
                 }
-                let mut targets = [[0; 2]; WIDTH];
-                for (target, (_, _, to)) in targets.iter_mut().zip(group) {
-                    *target = *to;
-                }
-                table.chunks.push(Chunk {
-                    power: same_power[0].0,
-                    terms,
-                    start,
-                    count: group.len(),
-                    targets,
-                });
             }
+            table.longest = table.longest.max(terms);
         }
         table
     }
 
-    /// Writes the matrices at the length `a`, one after another and rows first, over zeros.
+    /// Writes all functions at the length `a`.
     #[inline(always)]
-    pub fn evaluate(&self, a: f64, out: &mut [f64]) {
-        let x = (a - self.middle) / self.half;
-        let mut basis = [0.0; LONGEST];
-        let (mut before, mut now) = (x, 1.0);
+    pub fn evaluate<T: Lane>(&self, a: T, out: &mut [T]) {
+        if self.longest <= SHORT {
+            self.evaluate_within::<T, SHORT>(a, out);
+        } else {
+            self.evaluate_within::<T, LONGEST>(a, out);
+        }
+    }
+
+    #[inline(always)]
+    fn evaluate_within<T: Lane, const TERMS: usize>(&self, a: T, out: &mut [T]) {
+        let x = (a - self.middle) * self.per_half;
+        let twice = x + x;
+        let mut basis = [T::splat(0.0); TERMS];
+        let (mut before, mut now) = (x, T::splat(1.0));
         for value in basis.iter_mut().take(self.longest) {
             *value = now;
-            (before, now) = (now, 2.0 * x * now - before);
+            (before, now) = (now, twice.mul_add(now, -before));
         }
-        let mut powers = [1.0; 8];
-        for k in 1..powers.len() {
-            powers[k] = powers[k - 1] / a;
-        }
-        for chunk in &self.chunks {
-            let mut sum = [0.0; WIDTH];
-            let series = &self.coefficients[chunk.start..chunk.start + chunk.terms * WIDTH];
-            for (term, value) in series.chunks_exact(WIDTH).zip(&basis) {
+        for (group, out) in self.groups.iter().zip(out.chunks_exact_mut(GROUP)) {
+            let series = &self.coefficients[group.start..group.start + group.terms * GROUP];
+            let mut sum = [T::splat(0.0); GROUP];
+            for (term, value) in series.chunks_exact(GROUP).zip(&basis) {
                 for (sum, c) in sum.iter_mut().zip(term) {
-                    *sum += c * value;
+                    *sum = T::splat(*c).mul_add(*value, *sum);
                 }
             }
-            let scale = powers[chunk.power];
-            for (value, [to, mirror]) in sum.iter().zip(&chunk.targets).take(chunk.count) {
-                out[usize::from(*to)] = value * scale;
-                out[usize::from(*mirror)] = value * scale;
-            }
+            out.copy_from_slice(&sum);
         }
     }
 }
