@@ -207,13 +207,13 @@ impl<T: Number> Cohort<T> {
     pub(crate) fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
         let noise = Stream::new(draft.seed, draft.episode, Purpose::Sensors);
         let flight = Flight::new(Plan::of_valid(&draft.scenario)?, noise)?;
+        let setup = Arc::clone(&self.setup);
+        let payload = told_payload(&draft.scenario, &setup.config.task)?;
         self.flight.put(lane, &flight);
         let member = &mut self.members[lane];
         member.seed = draft.seed;
         member.episode = draft.episode;
         member.phase = Phase::Running;
-        let setup = Arc::clone(&self.setup);
-        let payload = told_payload(flight.plan(), &setup.config.task);
         self.payload.put_lane(lane, &payload);
         self.steps.set_lane(lane, 0.0);
         self.action.put_lane(lane, &[0.0; 3]);
@@ -317,7 +317,7 @@ impl<T: Number> Cohort<T> {
         }
         self.diverged |= lost;
         // a state that is not finite is not observed: the last finite observation stays
-        let finite = lanes & !self.flight.common.outputs.not_finite().bits();
+        let finite = lanes & !self.flight.outputs().not_finite().bits();
         let (size, frame) = (setup.observation_size, setup.frame_size);
         if size > frame {
             for lane in lanes_of(finite) {

@@ -54,7 +54,6 @@ pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] 
     let [theta_rate, alpha_rate, beta_rate] = flight.velocity();
     let [slew, root, tip] = torques;
     let [root_momentum, tip_momentum] = flight.wheel_momentum();
-    let motor = flight.plan().scenario.slew_motor.constants;
     [
         flight.time(),
         theta,
@@ -75,7 +74,7 @@ pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] 
         tip,
         root_momentum,
         tip_momentum,
-        motor.power(slew, reference.rate, reference.accel),
+        flight.motor_power(slew),
     ]
 }
 
@@ -122,7 +121,7 @@ pub fn simulate(
         check_finite(&flight, 0)?;
     }
     let [_, root, tip] = flight.last_torques();
-    let slew = flight.plan().slew_torque(flight.time());
+    let slew = flight.slew_torque();
     keep(signals(&flight, [slew, root, tip]));
     let metrics = flight.metrics(false, 0.0);
     Ok(Trajectory {
@@ -267,7 +266,7 @@ impl Queue<'_> {
             return;
         };
         let mut lanes: Vec<Option<(usize, usize)>> = vec![None; T::WIDTH];
-        lanes[0] = Some((index, first.plan().scenario.samples()));
+        lanes[0] = Some((index, first.scenario().samples()));
         let mut flight = Flight::<T>::spread(&first);
         let mut more = true;
         loop {
@@ -276,7 +275,7 @@ impl Queue<'_> {
                     match self.take() {
                         None => more = false,
                         Some((index, next)) if flight.accepts(&next) => {
-                            *place = Some((index, next.plan().scenario.samples()));
+                            *place = Some((index, next.scenario().samples()));
                             flight.put(lane, &next);
                         }
                         Some((index, next)) => self.fly_one(index, next, law),
@@ -327,7 +326,7 @@ impl Queue<'_> {
             flown: 0,
             lost: 0,
         };
-        let samples = flight.plan().scenario.samples();
+        let samples = flight.scenario().samples();
         f64::enter(Fly {
             flight: &mut flight,
             samples,
@@ -353,7 +352,7 @@ impl<T: Number> Pilot<T> for Autopilot<'_> {
     #[inline(always)]
     fn flown(&mut self, flight: &mut Flight<T>) -> bool {
         self.flown += 1;
-        self.lost = flight.common.outputs.not_finite().bits() & !flight.resting();
+        self.lost = flight.outputs().not_finite().bits() & !flight.resting();
         self.lost == 0
     }
 }
