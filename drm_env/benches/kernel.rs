@@ -1,22 +1,43 @@
-//! Time of the closed-loop manoeuvre, per integration step.
+//! Times of the engine's inner parts: a Runge-Kutta step, whole manoeuvres, steps of batches.
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use std::sync::Arc;
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use drm_env::EnvConfig;
+use drm_env::batch::{Autoreset, Batch, StepBuffers};
+use drm_env::benchmark::kernel;
 use drm_env::control::Law;
+use drm_env::lane::Instructions;
 use drm_env::rng::Seed;
 use drm_env::rollout::rollout;
 use drm_env::scenario::Scenario;
 
-/// The thesis manoeuvre on one thread; an element is one Runge-Kutta step of 0.5 ms.
-fn manoeuvre(criterion: &mut Criterion) {
+/// One thesis manoeuvre open loop a lane; an element is a Runge-Kutta step of an environment.
+fn steps(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("runge_kutta_step");
+    for &lanes in Instructions::detect().widths() {
+        let whole = kernel(lanes, 1).expect("the processor has these lanes");
+        group.throughput(Throughput::Elements((whole.steps * lanes) as u64));
+        group.bench_function(BenchmarkId::new("lanes", lanes), |bencher| {
+            bencher.iter(|| kernel(lanes, 1).expect("the processor has these lanes"));
+        });
+    }
+    group.finish();
+}
+
+/// Thesis manoeuvres in closed loop on one thread; an element is one Runge-Kutta step of one of them.
+fn manoeuvres(criterion: &mut Criterion) {
     let scenario = Scenario::default();
     let steps = (scenario.horizon / scenario.integrator_step).round() as u64;
     let mut group = criterion.benchmark_group("rollout_per_step");
-    group.throughput(Throughput::Elements(steps));
-    for name in ["none", "linear", "lyapunov"] {
+    group.sample_size(20);
+    for (name, count) in [("none", 1), ("lyapunov", 1), ("lyapunov", 64)] {
         let law = Law::named(name).expect("a law of this name exists");
-        group.bench_function(name, |bencher| {
+        let (scenarios, seeds) = (vec![scenario; count], vec![Seed::default(); count]);
+        group.throughput(Throughput::Elements(steps * count as u64));
+        group.bench_function(BenchmarkId::new(name, count), |bencher| {
             bencher.iter(|| {
-                rollout(&[scenario], &law, &[Seed::default()], Some(1), |_| true)
+                rollout(&scenarios, &law, &seeds, Some(1), |_| true)
                     .expect("the thesis manoeuvre can be flown")
             });
         });
@@ -24,5 +45,36 @@ fn manoeuvre(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, manoeuvre);
+/// Control periods of batches on one thread; an element is one of one environment.
+fn batches(criterion: &mut Criterion) {
+    let config = Arc::new(EnvConfig::default());
+    let mut group = criterion.benchmark_group("batch_step");
+    for count in [1, 8, 64, 1024] {
+        let mut batch = Batch::new(Arc::clone(&config), count, Autoreset::SameStep, Some(1))
+            .expect("the default configuration can be flown");
+        let seeds: Vec<Option<Seed>> = (0..count as u64).map(|i| Some(Seed::from_u64(i))).collect();
+        batch.reset(&seeds, None, None).expect("it can be reset");
+        let size = batch.observation_size();
+        let actions = vec![0.01; 2 * count];
+        let (mut observations, mut rewards) = (vec![0.0; count * size], vec![0.0; count]);
+        let (mut terminated, mut truncated) = (vec![false; count], vec![false; count]);
+        let mut terms = vec![0.0; 3 * count];
+        group.throughput(Throughput::Elements(count as u64));
+        group.bench_function(BenchmarkId::from_parameter(count), |bencher| {
+            bencher.iter(|| {
+                let mut out = StepBuffers {
+                    observations: &mut observations,
+                    rewards: &mut rewards,
+                    terminated: &mut terminated,
+                    truncated: &mut truncated,
+                    terms: &mut terms,
+                };
+                batch.step(&actions, &mut out).expect("it can be stepped");
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, steps, manoeuvres, batches);
 criterion_main!(benches);
