@@ -1,20 +1,18 @@
 //! Time of a Runge-Kutta step of the kernel: `kernel [--lanes N] [--steps K]`.
+#![allow(clippy::print_stdout)] // it is what an example is for
 
 use drm_env::benchmark::kernel;
 use drm_env::lane::Instructions;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let (mut lanes, mut steps) = (0, 1_000_000);
-    let mut arguments = std::env::args().skip(1);
-    while let Some(name) = arguments.next() {
-        let value = arguments
-            .next()
-            .ok_or_else(|| format!("{name} needs a value"))?;
-        match name.as_str() {
-            "--lanes" => lanes = value.parse()?,
-            "--steps" => steps = value.parse()?,
-            other => return Err(format!("unknown option {other}: use --lanes and --steps").into()),
-        }
+    let mut arguments = pico_args::Arguments::from_env();
+    let lanes = arguments.opt_value_from_str("--lanes")?.unwrap_or(0);
+    let steps = arguments
+        .opt_value_from_str("--steps")?
+        .unwrap_or(1_000_000);
+    let unknown = arguments.finish();
+    if !unknown.is_empty() {
+        return Err(format!("unknown arguments {unknown:?}: use --lanes N and --steps K").into());
     }
     let time = kernel(lanes, steps)?;
     println!("{}, lanes: {}", Instructions::detect().name(), time.lanes);
