@@ -62,6 +62,7 @@ pub mod shape;
 pub mod task;
 pub mod timeline;
 mod vector;
+mod witness;
 
 pub use config::EnvConfig;
 pub use env::Env;
