@@ -170,7 +170,7 @@ def test_a_rollout_is_a_dict_of_metrics() -> None:
 
 def test_rollouts_that_are_refused() -> None:
     network = perceptron("slew").engine()
-    good = [{}, {}]
+    good: list[dict[str, Any]] = [{}, {}]
 
     def refused(match: str, *arguments: Any, **options: Any) -> None:
         def progress(*_: int) -> None:
@@ -226,21 +226,26 @@ def test_networks_that_are_refused() -> None:
 
 @pytest.mark.parametrize("kind", ["law", "policy", "signals"])
 def test_an_interruption_is_noticed_within_a_second(kind: str) -> None:
-    scenarios = [{}] * 20_000
+    scenarios: list[dict[str, Any]] = [{}] * 20_000
     arguments: dict[str, Any] = {"law": "lyapunov"}
     if kind == "policy":
         arguments = {"policy": perceptron("slew").engine()}
     if kind == "signals":
         arguments |= {"signals": ["time", "alpha"], "decimation": 20}
     sent: list[float] = []
+    # a shell that starts the tests in the background has the signal ignored
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def progress(_flown: int, _count: int) -> None:
         if not sent:
             sent.append(time.monotonic())
             threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
 
-    with pytest.raises(KeyboardInterrupt):
-        drm_env.rollout(scenarios, progress=progress, **arguments)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            drm_env.rollout(scenarios, progress=progress, **arguments)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert time.monotonic() - sent[0] < 1.0
 
 

@@ -81,7 +81,7 @@ pub struct Batch {
 }
 
 /// Below this many samples in a call, threads cost more than they give.
-const SAMPLES_WORTH_A_THREAD: usize = 400;
+const SAMPLES_WORTH_A_THREAD: usize = 200;
 
 impl Batch {
     /// `count` environments; `threads` is the most that a call may use.

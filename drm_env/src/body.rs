@@ -63,7 +63,14 @@ pub(crate) enum Motion<T> {
     /// theta, alpha, beta and their rates.
     Thesis([T; 6]),
     /// Any number of modes.
-    Consistent(Box<ConsistentState<T>>),
+    Consistent(Box<Seen<T>>),
+}
+
+/// State of the consistent plant and what is seen of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Seen<T> {
+    state: ConsistentState<T>,
+    outputs: Outputs<T>,
 }
 
 /// What is seen of a [`Motion`]: each a value and its rate.
@@ -113,13 +120,16 @@ impl<T: Number> Motion<T> {
     pub fn spread(single: &Motion<f64>) -> Self {
         match single {
             Motion::Thesis(motion) => Self::Thesis(Laned::spread(motion)),
-            Motion::Consistent(state) => {
+            Motion::Consistent(seen) => {
                 let none = [T::splat(0.0); CAPACITY];
-                let mut all = Box::new(ConsistentState::new(none, none));
+                let mut state = ConsistentState::new(none, none);
                 for lane in 0..T::WIDTH {
-                    all.set_lane(lane, state);
+                    state.set_lane(lane, &seen.state);
                 }
-                Self::Consistent(all)
+                Self::Consistent(Box::new(Seen {
+                    state,
+                    outputs: Outputs::spread(&seen.outputs),
+                }))
             }
         }
     }
@@ -128,7 +138,10 @@ impl<T: Number> Motion<T> {
     pub fn one(&self, lane: usize) -> Motion<f64> {
         match self {
             Self::Thesis(motion) => Motion::Thesis(motion.lane_of(lane)),
-            Self::Consistent(state) => Motion::Consistent(Box::new(state.lane(lane))),
+            Self::Consistent(seen) => Motion::Consistent(Box::new(Seen {
+                state: seen.state.lane(lane),
+                outputs: seen.outputs.lane_of(lane),
+            })),
         }
     }
 
@@ -136,8 +149,28 @@ impl<T: Number> Motion<T> {
     pub fn put(&mut self, lane: usize, single: &Motion<f64>) {
         match (self, single) {
             (Self::Thesis(motion), Motion::Thesis(single)) => motion.put_lane(lane, single),
-            (Self::Consistent(state), Motion::Consistent(single)) => state.set_lane(lane, single),
+            (Self::Consistent(seen), Motion::Consistent(single)) => {
+                seen.state.set_lane(lane, &single.state);
+                seen.outputs.put_lane(lane, &single.outputs);
+            }
             _ => {}
+        }
+    }
+
+    /// What is seen of the motion.
+    #[inline(always)]
+    pub fn outputs(&self) -> Outputs<T> {
+        match self {
+            Self::Thesis(motion) => {
+                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *motion;
+                Outputs {
+                    slew: [theta, theta_rate],
+                    alpha: [alpha, alpha_rate],
+                    beta: [beta, beta_rate],
+                    tip: [(alpha + beta) * 2.0, (alpha_rate + beta_rate) * 2.0],
+                }
+            }
+            Self::Consistent(seen) => seen.outputs,
         }
     }
 }
@@ -164,8 +197,8 @@ impl Body<f64> {
         }
     }
 
-    /// State at t = 0.
-    pub fn start(&self, scenario: &Scenario) -> Motion<f64> {
+    /// State at t = 0, at the extension there.
+    pub fn start(&self, scenario: &Scenario, extension: &Extension<f64>) -> Motion<f64> {
         let start = &scenario.initial;
         match self {
             Self::Thesis(_) => Motion::Thesis([
@@ -176,11 +209,15 @@ impl Body<f64> {
                 start.alpha_rate,
                 start.beta_rate,
             ]),
-            Self::Consistent(body) => Motion::Consistent(Box::new(body.plants[0].released(
-                (start.slew_angle, start.slew_rate),
-                (start.alpha, start.alpha_rate),
-                (start.beta, start.beta_rate),
-            ))),
+            Self::Consistent(body) => {
+                let state = body.plants[0].released(
+                    (start.slew_angle, start.slew_rate),
+                    (start.alpha, start.alpha_rate),
+                    (start.beta, start.beta_rate),
+                );
+                let outputs = body.outputs(&state, extension);
+                Motion::Consistent(Box::new(Seen { state, outputs }))
+            }
         }
     }
 
@@ -212,8 +249,8 @@ impl Body<f64> {
                     [theta_rate, alpha_rate, beta_rate],
                 )
             }
-            (Self::Consistent(body), Motion::Consistent(state)) => {
-                body.plants[0].energy(state, extension)
+            (Self::Consistent(body), Motion::Consistent(seen)) => {
+                body.plants[0].energy(&seen.state, extension)
             }
             _ => Energy {
                 kinetic: f64::NAN,
@@ -274,29 +311,11 @@ impl<T: Number> Body<T> {
         }
     }
 
-    /// What is seen of a state; not a number where the state is not this body's.
+    /// Looks at a motion that has been integrated up to an extension.
     #[inline(always)]
-    pub fn outputs(&self, motion: &Motion<T>, extension: &Extension<T>) -> Outputs<T> {
-        match (self, motion) {
-            (Self::Thesis(_), Motion::Thesis(motion)) => {
-                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *motion;
-                Outputs {
-                    slew: [theta, theta_rate],
-                    alpha: [alpha, alpha_rate],
-                    beta: [beta, beta_rate],
-                    tip: [(alpha + beta) * 2.0, (alpha_rate + beta_rate) * 2.0],
-                }
-            }
-            (Self::Consistent(body), Motion::Consistent(state)) => body.outputs(state, extension),
-            _ => {
-                let nan = [T::splat(f64::NAN); 2];
-                Outputs {
-                    slew: nan,
-                    alpha: nan,
-                    beta: nan,
-                    tip: nan,
-                }
-            }
+    pub fn look(&self, motion: &mut Motion<T>, extension: &Extension<T>) {
+        if let (Self::Consistent(body), Motion::Consistent(seen)) = (self, motion) {
+            seen.outputs = body.outputs(&seen.state, extension);
         }
     }
 }
@@ -333,7 +352,7 @@ pub(crate) struct Implicit<'a, T: Number> {
     /// Root and tip wheel.
     pub(crate) drives: [WheelDrive<T>; 2],
     pub(crate) span: Span<T>,
-    pub(crate) state: &'a mut ConsistentState<T>,
+    pub(crate) seen: &'a mut Seen<T>,
     pub(crate) wheels: [&'a mut WheelState<T>; 2],
 }
 
@@ -397,14 +416,21 @@ impl<T: Number> Work for Implicit<'_, T> {
             // one environment alone chooses its instructions itself
             if T::WIDTH > 1 && *together {
                 let active = T::splat(1.0);
-                lanes.step(scheme, self.state, &torques, &extension, h, active);
+                lanes.step(
+                    scheme,
+                    &mut self.seen.state,
+                    &torques,
+                    &extension,
+                    h,
+                    active,
+                );
             } else {
                 for (lane, plant) in plants.iter().enumerate() {
-                    let mut one = self.state.lane(lane);
+                    let mut one = self.seen.state.lane(lane);
                     let torques = torques.lane_of(lane);
                     let extension = extension.lane_of(lane);
                     plant.step_at(scheme, &mut one, &torques, &extension, h.lane(lane));
-                    self.state.set_lane(lane, &one);
+                    self.seen.state.set_lane(lane, &one);
                 }
             }
             begin = end;

@@ -208,19 +208,27 @@ impl<T: Number> Cohort<T> {
     pub(crate) fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
         let noise = Stream::new(draft.seed, draft.episode, Purpose::Sensors);
         let flight = Flight::new(Plan::of_valid(&draft.scenario)?, noise)?;
-        self.start(lane, &flight, draft.seed, draft.episode);
+        let payload = told_payload(&draft.scenario, &self.setup.config.task)?;
+        self.start(lane, &flight, payload, draft.seed, draft.episode);
         Ok(())
     }
 
-    /// Begins an episode in a lane with a manoeuvre at its beginning that the others accept.
-    pub(crate) fn start(&mut self, lane: usize, flight: &Flight<f64>, seed: Seed, episode: u64) {
+    /// Begins an episode in a lane with a manoeuvre at its beginning that the others accept; `payload`
+    /// is what is told of it, see [`told_payload`].
+    pub(crate) fn start(
+        &mut self,
+        lane: usize,
+        flight: &Flight<f64>,
+        payload: [f64; 3],
+        seed: Seed,
+        episode: u64,
+    ) {
+        let setup = Arc::clone(&self.setup);
         self.flight.put(lane, flight);
         let member = &mut self.members[lane];
         member.seed = seed;
         member.episode = episode;
         member.phase = Phase::Running;
-        let setup = Arc::clone(&self.setup);
-        let payload = told_payload(flight.plan(), &setup.config.task);
         self.payload.put_lane(lane, &payload);
         self.steps.set_lane(lane, 0.0);
         self.action.put_lane(lane, &[0.0; 3]);
@@ -344,7 +352,7 @@ impl<T: Number> Cohort<T> {
         }
         self.diverged |= lost;
         // a state that is not finite is not observed: the last finite observation stays
-        let finite = lanes & !self.flight.common.outputs.not_finite().bits();
+        let finite = lanes & !self.flight.outputs().not_finite().bits();
         let (size, frame) = (setup.observation_size, setup.frame_size);
         if size > frame {
             for lane in lanes_of(finite) {

@@ -119,7 +119,7 @@ impl<T: Vector> Crew for Cohort<T> {
     }
 
     fn context(&self, lane: usize) -> [f64; COUNT] {
-        context(&self.flight.plan_of(lane).scenario)
+        context(&self.flight.scenario_of(lane))
     }
 
     fn phase(&self, lane: usize) -> Phase {

@@ -176,12 +176,12 @@ impl Cohort<f64> {
 
     /// The true context, in the order of [`crate::parameter::PARAMETERS`].
     pub fn context(&self) -> [f64; COUNT] {
-        context(self.scenario())
+        context(&self.scenario())
     }
 
     /// The manoeuvre of this episode.
-    pub fn scenario(&self) -> &Scenario {
-        &self.flight.plan().scenario
+    pub fn scenario(&self) -> Scenario {
+        self.flight.scenario()
     }
 
     /// The flight of this episode.
@@ -203,7 +203,7 @@ impl Cohort<f64> {
                     Setting::Name(name) => (*index, None, name.clone()),
                 })
                 .collect(),
-            scenario: *self.scenario(),
+            scenario: self.scenario(),
             flight: self.flight.state(),
             steps: self.steps,
             action: self.action,
@@ -261,7 +261,8 @@ impl Cohort<f64> {
             return Err(damaged(&"it names an unknown parameter").into());
         }
         let plan = Plan::new(&saved.scenario).map_err(|e| damaged(&e))?;
-        let payload = told_payload(&plan, &self.config().task);
+        let payload =
+            told_payload(&saved.scenario, &self.config().task).map_err(|e| damaged(&e))?;
         let noise = Stream::new(saved.seed, 0, Purpose::Sensors);
         let mut flight = Flight::new(plan, noise).map_err(|e| damaged(&e))?;
         flight.set_state(saved.flight)?;

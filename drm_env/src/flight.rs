@@ -1,6 +1,8 @@
 //! Manoeuvres in flight, one a lane: state, and the sample loop of sensors, wheels and integration
 //! that laws and agents drive.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::actuator::WheelState;
@@ -12,11 +14,12 @@ use crate::leg::{Carried, Leg, WheelDrive};
 use crate::lines::Lines;
 use crate::metrics::{Accumulator, Metrics, Sample};
 use crate::motor::CurrentGains;
-use crate::plan::steps_within;
+use crate::plan::{Kept, steps_within};
 use crate::plant::energy::Energy;
 use crate::plant::{Extension, RigidInertia};
 use crate::rng::Stream;
-use crate::timeline::{Piece, Reference, SAME_INSTANT};
+use crate::scenario::Scenario;
+use crate::timeline::{Piece, Reference, SAME_INSTANT, Timeline};
 use crate::vector::{Vector, Work};
 
 pub use crate::plan::Plan;
@@ -26,12 +29,8 @@ pub use crate::plan::Plan;
 pub(crate) struct Common<T> {
     /// Samples flown.
     pub(crate) sample: T,
-    /// What is seen of the motion.
-    pub(crate) outputs: Outputs<T>,
     pub(crate) root: WheelState<T>,
     pub(crate) tip: WheelState<T>,
-    /// Slew angle and rate, link-2 tip deflection and its rate, as measured.
-    pub(crate) measured: [T; 4],
     pub(crate) memory: LawMemory<T>,
     pub(crate) metrics: Accumulator<T>,
     /// Torques at the beginning of the last sample, N m: slew, root, tip.
@@ -40,10 +39,8 @@ pub(crate) struct Common<T> {
 
 laned!(Common {
     sample,
-    outputs,
     root,
     tip,
-    measured,
     memory,
     metrics,
     torques,
@@ -54,6 +51,7 @@ laned!(Common {
 pub struct FlightState {
     common: Common<f64>,
     motion: Motion<f64>,
+    measured: [f64; 4],
     lines: Option<Box<Lines>>,
 }
 
@@ -77,13 +75,13 @@ laned!(WheelLimits {
 /// What is fixed through an episode, as the sample loop needs it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fixed<T> {
-    inertia: RigidInertia<T>,
+    pub(crate) inertia: RigidInertia<T>,
     known: KnownInertia<T>,
     pub(crate) root: WheelLimits<T>,
     pub(crate) tip: WheelLimits<T>,
     direction: T,
     slew_end_time: T,
-    current: CurrentGains<T>,
+    pub(crate) current: CurrentGains<T>,
     /// Length of link 1, m.
     pub(crate) link1_length: T,
 }
@@ -141,12 +139,12 @@ laned!(Clock {
 });
 
 impl Clock<f64> {
-    fn new(plan: &Plan, index: usize, time: f64) -> Self {
-        let piece = *plan.timeline.piece(index);
+    fn new(timeline: &Timeline, index: usize, time: f64) -> Self {
+        let piece = *timeline.piece(index);
         let u = (time - piece.start).max(0.0);
         Self {
             piece,
-            piece_end: plan.timeline.end(index),
+            piece_end: timeline.end(index),
             time,
             reference: piece.reference(u),
             extension: piece.extension(u),
@@ -157,11 +155,25 @@ impl Clock<f64> {
 /// What only one lane has.
 #[derive(Debug, Clone)]
 struct Manoeuvre {
-    plan: Plan,
+    scenario: Kept,
+    timeline: Arc<Timeline>,
     /// Piece of the timeline in force.
-    piece: usize,
+    piece: u32,
+    ideal_wheels: bool,
     /// Delay lines and noise where there are any.
     lines: Option<Box<Lines>>,
+}
+
+impl Manoeuvre {
+    /// Index of the piece in force, which is not before the present one.
+    #[inline(always)]
+    fn piece_at(&self, time: f64) -> usize {
+        self.timeline.index_from(self.piece as usize, time)
+    }
+
+    fn is_still(&self) -> bool {
+        self.timeline.piece(self.piece as usize).is_still()
+    }
 }
 
 /// What all lanes of a flight share.
@@ -202,6 +214,8 @@ pub(crate) trait Pilot<T: Number> {
 /// `T::WIDTH` manoeuvres in flight, which share their sample period, steps and equations of motion.
 #[derive(Debug, Clone)]
 pub struct Flight<T: Number = f64> {
+    /// What the scenarios are told by their differences from.
+    base: Arc<Scenario>,
     manoeuvres: Vec<Manoeuvre>,
     shared: Shared,
     fixed: Fixed<T>,
@@ -209,6 +223,9 @@ pub struct Flight<T: Number = f64> {
     clock: Clock<T>,
     pub(crate) common: Common<T>,
     motion: Motion<T>,
+    /// Slew angle and rate, link-2 tip deflection and its rate as measured, where that is not what they
+    /// are.
+    measured: Option<Box<[T; 4]>>,
     /// Squared torque fractions of both wheels over the last sample.
     effort: T,
     /// Lanes that stay as they are, a bit each.
@@ -224,14 +241,18 @@ pub struct Flight<T: Number = f64> {
 impl<T: Number> Flight<T> {
     /// The same manoeuvre in every lane.
     pub(crate) fn spread(single: &Flight<f64>) -> Self {
+        let mut manoeuvre = single.manoeuvres[0].clone();
+        manoeuvre.scenario = Kept::Differences(Box::new([]));
         let mut flight = Self {
-            manoeuvres: vec![single.manoeuvres[0].clone(); T::WIDTH],
+            base: Arc::new(single.scenario_of(0)),
+            manoeuvres: vec![manoeuvre; T::WIDTH],
             shared: single.shared,
             fixed: Fixed::spread(&single.fixed),
             body: Body::spread(&single.body),
             clock: Clock::spread(&single.clock),
             common: Common::spread(&single.common),
             motion: Motion::spread(&single.motion),
+            measured: None,
             effort: T::splat(0.0),
             resting: 0,
             plain: true,
@@ -239,6 +260,9 @@ impl<T: Number> Flight<T> {
             still: false,
         };
         flight.take_stock();
+        if let (Some(measured), Some(single)) = (&mut flight.measured, &single.measured) {
+            **measured = Laned::spread(&**single);
+        }
         flight
     }
 
@@ -249,49 +273,68 @@ impl<T: Number> Flight<T> {
 
     /// Replaces the manoeuvre of one lane by one that [`Flight::accepts`].
     pub(crate) fn put(&mut self, lane: usize, single: &Flight<f64>) {
-        self.manoeuvres[lane].clone_from(&single.manoeuvres[0]);
+        let mut manoeuvre = single.manoeuvres[0].clone();
+        manoeuvre.scenario = Kept::beside(&self.base, &single.scenario_of(0));
+        // most lanes have the same timeline
+        if let Some(same) = self
+            .manoeuvres
+            .iter()
+            .find(|other| other.timeline == manoeuvre.timeline)
+        {
+            manoeuvre.timeline = Arc::clone(&same.timeline);
+        }
+        self.manoeuvres[lane] = manoeuvre;
         self.fixed.put_lane(lane, &single.fixed);
         self.body.put(lane, &single.body);
         self.clock.put_lane(lane, &single.clock);
         self.common.put_lane(lane, &single.common);
         self.motion.put(lane, &single.motion);
         self.take_stock();
+        let measured = single.measured();
+        if let Some(all) = &mut self.measured {
+            all.put_lane(lane, &measured);
+        }
     }
 
     /// The manoeuvre of one lane.
     pub(crate) fn one(&self, lane: usize) -> Flight<f64> {
-        let manoeuvre = self.manoeuvres[lane].clone();
+        let scenario = self.scenario_of(lane);
+        let mut manoeuvre = self.manoeuvres[lane].clone();
+        manoeuvre.scenario = Kept::Whole(Box::new(scenario));
         Flight {
+            base: Arc::clone(&self.base),
             shared: self.shared,
             fixed: self.fixed.lane_of(lane),
             body: self.body.one(lane),
             clock: self.clock.lane_of(lane),
             common: self.common.lane_of(lane),
             motion: self.motion.one(lane),
+            measured: match (&self.measured, &manoeuvre.lines) {
+                (Some(measured), Some(_)) => Some(Box::new(measured.lane_of(lane))),
+                _ => None,
+            },
             effort: self.effort.lane(lane),
             resting: 0,
             plain: manoeuvre.lines.is_none(),
-            ideal: manoeuvre.plan.has_ideal_wheels(),
-            still: manoeuvre.plan.timeline.piece(manoeuvre.piece).is_still(),
+            ideal: manoeuvre.ideal_wheels,
+            still: manoeuvre.is_still(),
             manoeuvres: vec![manoeuvre],
         }
     }
 
     fn take_stock(&mut self) {
-        let all = |test: fn(&Manoeuvre) -> bool| self.manoeuvres.iter().all(test);
-        let (plain, ideal) = (
-            all(|m| m.lines.is_none()),
-            all(|m| m.plan.has_ideal_wheels()),
-        );
-        (self.plain, self.ideal) = (plain, ideal);
+        self.plain = self.manoeuvres.iter().all(|m| m.lines.is_none());
+        self.ideal = self.manoeuvres.iter().all(|m| m.ideal_wheels);
         self.look_at_pieces();
+        if self.plain {
+            self.measured = None;
+        } else if self.measured.is_none() {
+            self.measured = Some(Box::new(self.outputs().measurable()));
+        }
     }
 
     fn look_at_pieces(&mut self) {
-        self.still = self
-            .manoeuvres
-            .iter()
-            .all(|m| m.plan.timeline.piece(m.piece).is_still());
+        self.still = self.manoeuvres.iter().all(Manoeuvre::is_still);
     }
 
     /// Lanes that do not fly until told otherwise, a bit each.
@@ -304,14 +347,36 @@ impl<T: Number> Flight<T> {
         self.resting
     }
 
-    /// Plan of one lane.
-    pub(crate) fn plan_of(&self, lane: usize) -> &Plan {
-        &self.manoeuvres[lane].plan
+    /// Scenario of one lane.
+    pub(crate) fn scenario_of(&self, lane: usize) -> Scenario {
+        self.manoeuvres[lane].scenario.scenario(&self.base)
+    }
+
+    /// Timeline of one lane.
+    #[inline(always)]
+    pub(crate) fn timeline_of(&self, lane: usize) -> &Timeline {
+        &self.manoeuvres[lane].timeline
     }
 
     /// Piece of the timeline in force in one lane.
+    #[inline(always)]
     pub(crate) fn piece_of(&self, lane: usize) -> usize {
-        self.manoeuvres[lane].piece
+        self.manoeuvres[lane].piece as usize
+    }
+
+    /// What is seen of the motion.
+    #[inline(always)]
+    pub(crate) fn outputs(&self) -> Outputs<T> {
+        self.motion.outputs()
+    }
+
+    /// Slew angle (rad) and rate (rad/s), link-2 tip deflection (m) and its rate (m/s) as measured.
+    #[inline(always)]
+    pub fn measured(&self) -> [T; 4] {
+        match &self.measured {
+            Some(measured) => **measured,
+            None => self.outputs().measurable(),
+        }
     }
 
     pub(crate) fn fixed(&self) -> &Fixed<T> {
@@ -340,7 +405,7 @@ impl<T: Number> Flight<T> {
     /// Slew angle minus its reference, rad.
     #[inline(always)]
     pub(crate) fn slew_error(&self) -> T {
-        self.common.outputs.slew[0] - self.clock.reference.angle
+        self.outputs().slew[0] - self.clock.reference.angle
     }
 
     /// Distance of the tip from the shoulder, m.
@@ -352,7 +417,7 @@ impl<T: Number> Flight<T> {
     /// What a law is told now.
     #[inline(always)]
     pub fn measurement(&self) -> Measurement<T> {
-        let [angle, rate, deflection, deflection_rate] = self.common.measured;
+        let [angle, rate, deflection, deflection_rate] = self.measured();
         Measurement {
             slew_error: angle - self.clock.reference.angle,
             slew_error_rate: rate - self.clock.reference.rate,
@@ -425,27 +490,26 @@ impl<T: Number> Flight<T> {
 
         self.common.sample += one;
         self.tick();
-        self.common.outputs = self.body.outputs(&self.motion, &self.clock.extension);
-        if self.plain {
-            self.common.measured = self.common.outputs.measurable();
-        } else {
+        self.body.look(&mut self.motion, &self.clock.extension);
+        if !self.plain {
             self.sense();
         }
+        let outputs = self.outputs();
 
         let of_root = root_torque * self.fixed.root.per_torque;
         let of_tip = tip_torque * self.fixed.tip.per_torque;
         self.effort = of_root.mul_add(of_root, of_tip * of_tip);
         let sample = Sample {
-            slew_angle: self.common.outputs.slew[0],
+            slew_angle: outputs.slew[0],
             slew_error: self.slew_error(),
             reach: self.reach(),
-            deflection: self.common.outputs.tip[0],
+            deflection: outputs.tip[0],
             after_slew: one - self.clock.time.below(self.fixed.slew_end_time),
             effort: self.effort,
             saturated,
             power,
         };
-        let lost = self.common.outputs.not_finite().bits();
+        let lost = outputs.not_finite().bits();
         if lost == 0 {
             self.common.metrics.take(&sample, self.fixed.direction);
         } else {
@@ -519,7 +583,7 @@ impl<T: Number> Flight<T> {
                     };
                     [torques.slew, torques.root, torques.tip]
                 }
-                (Body::Consistent(body), Motion::Consistent(state)) => T::enter(Implicit {
+                (Body::Consistent(body), Motion::Consistent(seen)) => T::enter(Implicit {
                     body,
                     inertia: &self.fixed.inertia,
                     piece,
@@ -529,7 +593,7 @@ impl<T: Number> Flight<T> {
                         self.fixed.tip.drive(command.tip, h, self.ideal),
                     ],
                     span,
-                    state,
+                    seen,
                     wheels: [root, tip],
                 }),
                 _ => [T::splat(f64::NAN); 3],
@@ -550,7 +614,7 @@ impl<T: Number> Flight<T> {
     #[inline(never)]
     fn fly_alone(&self, lane: usize, command: &WheelTorques<f64>, slew: Option<f64>) -> Cut {
         let manoeuvre = &self.manoeuvres[lane];
-        let timeline = &manoeuvre.plan.timeline;
+        let timeline = &manoeuvre.timeline;
         let sample = self.common.sample.lane(lane);
         let fixed = self.fixed.lane_of(lane);
         let body = self.body.one(lane);
@@ -562,7 +626,7 @@ impl<T: Number> Flight<T> {
         };
         let end = (sample + 1.0) * self.shared.sample_period;
         let mut time = self.clock.time.lane(lane);
-        let mut index = manoeuvre.piece;
+        let mut index = manoeuvre.piece as usize;
         let mut first = None;
         while time < end {
             let piece = timeline.piece(index);
@@ -601,7 +665,7 @@ impl<T: Number> Flight<T> {
                     });
                     [torques.slew, torques.root, torques.tip]
                 }
-                (Body::Consistent(body), Motion::Consistent(state)) => f64::enter(Implicit {
+                (Body::Consistent(body), Motion::Consistent(seen)) => f64::enter(Implicit {
                     body,
                     inertia: &fixed.inertia,
                     piece,
@@ -611,7 +675,7 @@ impl<T: Number> Flight<T> {
                         fixed.tip.drive(command.tip, h, false),
                     ],
                     span,
-                    state,
+                    seen,
                     wheels: [root, tip],
                 }),
                 _ => [f64::NAN; 3],
@@ -631,9 +695,10 @@ impl<T: Number> Flight<T> {
         let reached = T::splat(1.0) - (time + SAME_INSTANT).below(self.clock.piece_end);
         let switched = reached.bits() & !self.resting;
         for lane in lanes_of(switched) {
-            let Manoeuvre { plan, piece, .. } = &mut self.manoeuvres[lane];
-            *piece = plan.timeline.index_from(*piece, time.lane(lane));
-            let clock = Clock::new(plan, *piece, time.lane(lane));
+            let manoeuvre = &mut self.manoeuvres[lane];
+            let piece = manoeuvre.piece_at(time.lane(lane));
+            manoeuvre.piece = piece as u32;
+            let clock = Clock::new(&manoeuvre.timeline, piece, time.lane(lane));
             self.clock.put_lane(lane, &clock);
         }
         if switched != 0 {
@@ -666,17 +731,20 @@ impl<T: Number> Flight<T> {
     /// Reads the sensors of each lane at the present instant.
     #[inline(never)]
     fn sense(&mut self) {
-        let truth = self.common.outputs.measurable();
-        let mut measured = truth;
+        let truth = self.outputs().measurable();
+        let Some(measured) = &mut self.measured else {
+            return;
+        };
         for (lane, manoeuvre) in self.manoeuvres.iter_mut().enumerate() {
-            if let Some(lines) = &mut manoeuvre.lines
-                && self.resting >> lane & 1 == 0
-            {
-                let sensors = &manoeuvre.plan.scenario.sensors;
-                measured.put_lane(lane, &lines.sense(truth.lane_of(lane), sensors));
+            if self.resting >> lane & 1 == 1 {
+                continue;
             }
+            let mut seen = truth.lane_of(lane);
+            if let Some(lines) = &mut manoeuvre.lines {
+                seen = lines.sense(seen);
+            }
+            measured.put_lane(lane, &seen);
         }
-        self.common.measured = measured;
     }
 }
 
@@ -812,35 +880,45 @@ impl Flight<f64> {
     /// Parameters that no arm has.
     pub fn new(plan: Plan, noise: Stream) -> Result<Self, ConfigError> {
         let body = Body::new(&plan.scenario, &plan.payload)?;
-        let motion = body.start(&plan.scenario);
-        let clock = Clock::new(&plan, plan.timeline.index(0.0), 0.0);
-        let outputs = body.outputs(&motion, &clock.extension);
-        let output = outputs.measurable();
-        let lines = (!plan.is_plain()).then(|| Box::new(Lines::new(plan.delays, output, noise)));
+        let index = plan.timeline.index(0.0);
+        let clock = Clock::new(&plan.timeline, index, 0.0);
+        let motion = body.start(&plan.scenario, &clock.extension);
+        let outputs = motion.outputs();
+        let lines = (!plan.is_plain()).then(|| {
+            let sensors = plan.scenario.sensors;
+            Box::new(Lines::new(
+                plan.delays,
+                outputs.measurable(),
+                sensors,
+                noise,
+            ))
+        });
         let mut flight = Self {
+            base: Arc::new(Scenario::default()),
             shared: Shared::new(&plan),
             fixed: Fixed::new(&plan),
             body,
             clock,
             common: Common {
                 sample: 0.0,
-                outputs,
                 root: WheelState::rest(),
                 tip: WheelState::rest(),
-                measured: output,
                 memory: LawMemory::fresh(),
                 metrics: Accumulator::new(plan.direction() * outputs.slew[0], outputs.tip[0]),
                 torques: [0.0; 3],
             },
             motion,
+            measured: None,
             effort: 0.0,
             resting: 0,
             plain: true,
             ideal: true,
             still: false,
             manoeuvres: vec![Manoeuvre {
-                piece: plan.timeline.index(0.0),
-                plan,
+                scenario: Kept::Whole(Box::new(plan.scenario)),
+                piece: index as u32,
+                ideal_wheels: plan.has_ideal_wheels(),
+                timeline: plan.timeline,
                 lines,
             }],
         };
@@ -851,9 +929,33 @@ impl Flight<f64> {
         Ok(flight)
     }
 
-    /// The plan.
-    pub fn plan(&self) -> &Plan {
-        &self.manoeuvres[0].plan
+    /// The manoeuvre.
+    pub fn scenario(&self) -> Scenario {
+        self.scenario_of(0)
+    }
+
+    /// Reference and extension.
+    pub fn timeline(&self) -> &Timeline {
+        self.timeline_of(0)
+    }
+
+    /// Open-loop torque of the slew motor now, N m.
+    pub fn slew_torque(&self) -> f64 {
+        let Reference { rate, accel, .. } = self.clock.reference;
+        self.fixed
+            .inertia
+            .slew_torque(&self.clock.extension, rate, accel)
+    }
+
+    /// Electrical power of the slew motor, W, at a slew torque (N m) now.
+    pub fn motor_power(&self, slew_torque: f64) -> f64 {
+        let Reference { rate, accel, .. } = self.clock.reference;
+        self.fixed.current.power(slew_torque, rate, accel)
+    }
+
+    /// End of the slew profile, s.
+    pub fn slew_end(&self) -> f64 {
+        self.fixed.slew_end_time
     }
 
     /// The state, for a snapshot.
@@ -861,6 +963,7 @@ impl Flight<f64> {
         FlightState {
             common: self.common,
             motion: self.motion.clone(),
+            measured: self.measured(),
             lines: self.manoeuvres[0].lines.clone(),
         }
     }
@@ -876,7 +979,10 @@ impl Flight<f64> {
         }
         let fits = match (&state.lines, self.plain) {
             (None, plain) => plain,
-            (Some(lines), plain) => !plain && lines.fit(self.plan().delays),
+            (Some(lines), _) => {
+                let own = self.manoeuvres[0].lines.as_ref();
+                own.is_some_and(|own| lines.fits(own))
+            }
         };
         if !fits {
             return damaged("it holds delay lines of another length");
@@ -886,13 +992,14 @@ impl Flight<f64> {
             return damaged("its sample is not a whole number");
         }
         let time = sample * self.shared.sample_period;
-        let piece = self.plan().timeline.index(time);
-        self.clock = Clock::new(self.plan(), piece, time);
-        self.manoeuvres[0].piece = piece;
+        let piece = self.timeline().index(time);
+        self.clock = Clock::new(self.timeline(), piece, time);
+        self.manoeuvres[0].piece = piece as u32;
         self.manoeuvres[0].lines = state.lines;
         self.look_at_pieces();
         self.common = state.common;
         self.motion = state.motion;
+        self.measured = (!self.plain).then(|| Box::new(state.measured));
         Ok(())
     }
 
@@ -910,7 +1017,7 @@ impl Flight<f64> {
     pub fn position(&self) -> [f64; 3] {
         let Outputs {
             slew, alpha, beta, ..
-        } = self.common.outputs;
+        } = self.outputs();
         [slew[0], alpha[0], beta[0]]
     }
 
@@ -918,13 +1025,8 @@ impl Flight<f64> {
     pub fn velocity(&self) -> [f64; 3] {
         let Outputs {
             slew, alpha, beta, ..
-        } = self.common.outputs;
+        } = self.outputs();
         [slew[1], alpha[1], beta[1]]
-    }
-
-    /// Measured slew angle (rad), slew rate (rad/s), link-2 tip deflection (m) and its rate (m/s).
-    pub fn measured(&self) -> [f64; 4] {
-        self.common.measured
     }
 
     /// Slew reference now.
@@ -940,7 +1042,7 @@ impl Flight<f64> {
     /// Deflection of the arm's tip from the rotating axis, m, and its rate, m/s; in the thesis plant
     /// 2 (alpha + beta).
     pub fn tip_deflection(&self) -> (f64, f64) {
-        self.common.outputs.tip.into()
+        self.outputs().tip.into()
     }
 
     /// Torques at the beginning of the last sample, N m: slew motor, root wheel, tip wheel.
@@ -955,24 +1057,30 @@ impl Flight<f64> {
 
     /// Whether every coordinate and rate is finite.
     pub fn is_finite(&self) -> bool {
-        self.common.outputs.not_finite() == 0.0
+        self.outputs().not_finite() == 0.0
     }
 
     /// Kinetic and potential energy now, J.
     pub fn energy(&self) -> Energy {
-        let plan = self.plan();
-        let (scenario, payload) = (&plan.scenario, &plan.payload);
+        let scenario = self.scenario();
+        let Ok(payload) = scenario.true_payload() else {
+            // it has been flown with one
+            return Energy {
+                kinetic: f64::NAN,
+                potential: f64::NAN,
+            };
+        };
+        let extension = &self.clock.extension;
         self.body
-            .energy(&self.motion, &self.clock.extension, scenario, payload)
+            .energy(&self.motion, extension, &scenario, &payload)
     }
 
     /// Metrics of the flight so far.
     pub fn metrics(&self, diverged: bool, episode_return: f64) -> Metrics {
-        let plan = self.plan();
         self.common.metrics.metrics(
             self.shared.sample_period,
-            plan.slew_end_time,
-            plan.scenario.slew.angle.abs(),
+            self.slew_end(),
+            self.scenario().slew.angle.abs(),
             self.energy().total(),
             diverged,
             episode_return,

@@ -17,6 +17,7 @@ pub(crate) struct Lines {
     tip: VecDeque<f64>,
     /// Outputs on their way to the reader, oldest first.
     sensor: VecDeque<[f64; 4]>,
+    errors: Sensors,
     noise: Stream,
 }
 
@@ -37,20 +38,22 @@ impl Delays {
 
 impl Lines {
     /// At t = 0, with zero commands and `output` on their way.
-    pub(crate) fn new(delays: Delays, output: [f64; 4], noise: Stream) -> Self {
+    pub(crate) fn new(delays: Delays, output: [f64; 4], errors: Sensors, noise: Stream) -> Self {
         Self {
             root: VecDeque::from(vec![0.0; delays.root]),
             tip: VecDeque::from(vec![0.0; delays.tip]),
             sensor: VecDeque::from(vec![output; delays.sensor]),
+            errors,
             noise,
         }
     }
 
-    /// Whether the lines have these lengths, between two samples.
-    pub(crate) fn fit(&self, delays: Delays) -> bool {
-        self.root.len() == delays.root
-            && self.tip.len() == delays.tip
-            && self.sensor.len() == delays.sensor
+    /// Whether the lines are those of the same manoeuvre at another time.
+    pub(crate) fn fits(&self, other: &Self) -> bool {
+        self.root.len() == other.root.len()
+            && self.tip.len() == other.tip.len()
+            && self.sensor.len() == other.sensor.len()
+            && self.errors == other.errors
     }
 
     /// Sends a command off and returns the one that arrives.
@@ -66,16 +69,16 @@ impl Lines {
     }
 
     /// What is read where the outputs are `truth`.
-    pub(crate) fn sense(&mut self, truth: [f64; 4], sensors: &Sensors) -> [f64; 4] {
+    pub(crate) fn sense(&mut self, truth: [f64; 4]) -> [f64; 4] {
         self.sensor.push_back(truth);
         let mut measured = self.sensor.pop_front().unwrap_or(truth);
-        let noise = sensors.noise();
+        let noise = self.errors.noise();
         if noise.iter().any(|&std| std > 0.0) {
             for (value, std) in measured.iter_mut().zip(noise) {
                 *value += std * self.noise.normal();
             }
         }
-        for (value, quantum) in measured.iter_mut().zip(sensors.resolution()) {
+        for (value, quantum) in measured.iter_mut().zip(self.errors.resolution()) {
             if quantum > 0.0 {
                 *value = quantum * libm::round(*value / quantum);
             }

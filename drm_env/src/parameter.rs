@@ -23,9 +23,15 @@ pub struct Parameter {
     pub description: &'static str,
     assign: fn(&mut Scenario, &Setting) -> Result<(), String>,
     number: fn(&Scenario) -> Option<f64>,
+    setting: fn(&Scenario) -> Option<Setting>,
 }
 
 impl Parameter {
+    /// What the parameter is set to; none if a null stands in its place.
+    pub fn setting(&self, scenario: &Scenario) -> Option<Setting> {
+        (self.setting)(scenario)
+    }
+
     /// Sets the parameter in a scenario.
     ///
     /// # Errors
@@ -69,6 +75,7 @@ impl Parameter {
 trait Slot {
     fn assign(&mut self, setting: &Setting) -> Result<(), String>;
     fn number(&self) -> Option<f64>;
+    fn setting(&self) -> Option<Setting>;
 }
 
 impl Slot for f64 {
@@ -85,6 +92,10 @@ impl Slot for f64 {
     fn number(&self) -> Option<f64> {
         Some(*self)
     }
+
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::Number(*self))
+    }
 }
 
 impl Slot for Option<f64> {
@@ -97,6 +108,10 @@ impl Slot for Option<f64> {
 
     fn number(&self) -> Option<f64> {
         *self
+    }
+
+    fn setting(&self) -> Option<Setting> {
+        self.map(Setting::Number)
     }
 }
 
@@ -117,6 +132,13 @@ macro_rules! alternatives {
                     .position(|variant| variant == self)
                     .map(|position| position as f64)
             }
+
+            fn setting(&self) -> Option<Setting> {
+                let name = match self {
+                    $(Self::$variant => $name),+
+                };
+                Some(Setting::Name(name.into()))
+            }
         }
     };
 }
@@ -136,6 +158,7 @@ macro_rules! scenario_parameters {
             description: $description,
             assign: |scenario, setting| scenario.$($field).+.assign(setting),
             number: |scenario| scenario.$($field).+.number(),
+            setting: |scenario| scenario.$($field).+.setting(),
         }),+];
 
         /// What is drawn for each episode, by flat parameter name; null keeps the scenario's value.

@@ -1,9 +1,13 @@
 //! The plan of one manoeuvre: what follows from its scenario and stays fixed through an episode.
 
+use std::sync::Arc;
+
 use crate::actuator::Wheel;
 use crate::arm::PayloadProperties;
+use crate::distribution::Setting;
 use crate::error::ConfigError;
 use crate::lines::Delays;
+use crate::parameter::PARAMETERS;
 use crate::plant::RigidInertia;
 use crate::scenario::Scenario;
 use crate::timeline::Timeline;
@@ -18,12 +22,57 @@ pub struct Plan {
     /// The payload as reported.
     pub reported: PayloadProperties,
     /// Reference and extension.
-    pub timeline: Timeline,
+    pub timeline: Arc<Timeline>,
     /// End of the slew profile, s.
     pub slew_end_time: f64,
     pub(crate) root: Wheel,
     pub(crate) tip: Wheel,
     pub(crate) delays: Delays,
+}
+
+/// A scenario kept in little room: as what it differs by from another one, if that tells it exactly.
+#[derive(Debug, Clone)]
+pub(crate) enum Kept {
+    Whole(Box<Scenario>),
+    Differences(Box<[(u8, Setting)]>),
+}
+
+impl Kept {
+    /// A scenario beside a base that is kept elsewhere.
+    pub(crate) fn beside(base: &Scenario, scenario: &Scenario) -> Self {
+        let differences = || -> Option<Box<[(u8, Setting)]>> {
+            let mut list = Vec::new();
+            for (index, parameter) in PARAMETERS.iter().enumerate() {
+                let setting = parameter.setting(scenario);
+                if setting != parameter.setting(base) {
+                    list.push((u8::try_from(index).ok()?, setting?));
+                }
+            }
+            Some(list.into())
+        };
+        if let Some(list) = differences() {
+            let kept = Self::Differences(list);
+            if kept.scenario(base) == *scenario {
+                return kept;
+            }
+        }
+        Self::Whole(Box::new(*scenario))
+    }
+
+    /// The scenario again.
+    pub(crate) fn scenario(&self, base: &Scenario) -> Scenario {
+        match self {
+            Self::Whole(scenario) => **scenario,
+            Self::Differences(list) => {
+                let mut scenario = *base;
+                for (index, setting) in list {
+                    // what a scenario holds can be set in another
+                    let _ = PARAMETERS[usize::from(*index)].set(&mut scenario, setting);
+                }
+                scenario
+            }
+        }
+    }
 }
 
 impl Plan {
@@ -46,10 +95,10 @@ impl Plan {
             scenario: *scenario,
             payload,
             reported,
-            timeline: Timeline::new(
+            timeline: Arc::new(Timeline::new(
                 &scenario.slew.pieces(),
                 &scenario.deployment.pieces(duration),
-            ),
+            )),
             slew_end_time: scenario.slew.final_time(),
             delays: Delays {
                 root: scenario.delay_samples("root_wheel.dead_time", root.dead_time)?,
@@ -100,4 +149,34 @@ impl Plan {
 /// millionth of a step is rounding.
 pub(crate) fn steps_within(span: f64, longest: f64) -> usize {
     ((span / longest - 1e-6).ceil().max(1.0)) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::EnvConfig;
+    use crate::rng::Seed;
+
+    /// A drawn scenario in its differences, an override that the base does not have, and one that
+    /// differs in what is no parameter.
+    #[test]
+    fn kept_scenarios_come_back_exactly() {
+        let config = EnvConfig::default();
+        let base = config.scenario;
+        for seed in 0..20 {
+            let mut scenario = config
+                .draw(Seed::from_u64(seed), 0, &[])
+                .expect("it can be drawn");
+            let kept = Kept::beside(&base, &scenario);
+            assert!(matches!(&kept, Kept::Differences(list) if list.len() <= 3));
+            assert_eq!(kept.scenario(&base), scenario);
+            scenario.payload.length = Some(1.25);
+            assert_eq!(Kept::beside(&base, &scenario).scenario(&base), scenario);
+            assert_eq!(Kept::beside(&scenario, &base).scenario(&scenario), base);
+            scenario.horizon = 7.0;
+            let kept = Kept::beside(&base, &scenario);
+            assert!(matches!(kept, Kept::Whole(_)));
+            assert_eq!(kept.scenario(&base), scenario);
+        }
+    }
 }

@@ -8,8 +8,11 @@ pub const MAGNIFICATION: f64 = 20.0;
 
 /// The scene of a flight now.
 pub fn scene(flight: &Flight) -> Scene {
-    let plan = flight.plan();
-    let scenario = &plan.scenario;
+    let scenario = flight.scenario();
+    // a payload that has been flown can be resolved
+    let (mass, length, width) = scenario.true_payload().map_or((0.0, 0.0, 0.0), |payload| {
+        (payload.mass, payload.length, payload.width)
+    });
     let reference = flight.reference();
     let extension = flight.extension();
     let [slew_angle, alpha, beta] = flight.position();
@@ -26,13 +29,13 @@ pub fn scene(flight: &Flight) -> Scene {
         alpha,
         beta,
         turning: tip_deflection - 2.0 * (alpha + beta),
-        payload_length: plan.payload.length,
-        payload_width: plan.payload.width,
-        payload_mass: plan.payload.mass,
+        payload_length: length,
+        payload_width: width,
+        payload_mass: mass,
         root_torque: root_torque / scenario.root_wheel.torque_limit,
         tip_torque: tip_torque / scenario.tip_wheel.torque_limit,
         time: flight.time(),
-        slew_end_time: plan.slew_end_time,
+        slew_end_time: flight.slew_end(),
         tip_deflection,
         tip_error: reach * (slew_angle - reference.angle) + tip_deflection,
         magnification: MAGNIFICATION,

@@ -2,9 +2,11 @@
 //! randomness, not batches.
 
 use crate::config::{EnvConfig, ObservePayload, Reward, Task};
-use crate::flight::{Flight, Plan, lanes_of};
+use crate::error::ConfigError;
+use crate::flight::{Flight, lanes_of};
 use crate::functions::{asinh, ln_1p};
 use crate::lane::{Laned, Number, laned};
+use crate::scenario::Scenario;
 
 /// One entry of the observation.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,13 +102,16 @@ pub fn frame_size(task: &Task) -> usize {
 }
 
 /// What is told of the payload: its mass (kg), length and width (m).
-pub(crate) fn told_payload(plan: &Plan, task: &Task) -> [f64; 3] {
+///
+/// # Errors
+/// A payload that cannot be.
+pub(crate) fn told_payload(scenario: &Scenario, task: &Task) -> Result<[f64; 3], ConfigError> {
     let payload = match task.observe_payload {
-        ObservePayload::Reported => &plan.reported,
-        ObservePayload::True => &plan.payload,
-        ObservePayload::Hidden => return [0.0; 3],
+        ObservePayload::Reported => scenario.reported()?,
+        ObservePayload::True => scenario.true_payload()?,
+        ObservePayload::Hidden => return Ok([0.0; 3]),
     };
-    [payload.mass, payload.length, payload.width]
+    Ok([payload.mass, payload.length, payload.width])
 }
 
 /// Writes one frame for each of the lanes whose bits are set: `frame(lane)` is where that of a lane
@@ -122,7 +127,7 @@ pub(crate) fn observe<'a, T: Number>(
     let clock = flight.clock();
     let (reference, extension) = (&clock.reference, &clock.extension);
     let measurement = flight.measurement();
-    let [angle, rate, ..] = flight.common.measured;
+    let [angle, rate, ..] = flight.measured();
     let [slew_torque, root_torque, tip_torque] = flight.common.torques;
     let left = flight.slew_end_time() - clock.time;
     let values: [T; FIXED.len() + MOMENTUM.len()] = [
@@ -168,7 +173,7 @@ pub(crate) fn observe<'a, T: Number>(
         for (entry, value) in fixed.iter_mut().zip(&scaled) {
             *entry = value.lane(lane) as f32;
         }
-        let timeline = &flight.plan_of(lane).timeline;
+        let timeline = flight.timeline_of(lane);
         let now = clock.time.lane(lane);
         let mut index = flight.piece_of(lane);
         let mut last = 0.0;
@@ -249,9 +254,10 @@ impl<T: Number> RewardSums<T> {
     #[inline(always)]
     pub(crate) fn take(&mut self, flight: &Flight<T>, scale: &RewardScale) {
         let reward = &scale.reward;
-        let [deflection, deflection_rate] = flight.common.outputs.tip;
+        let outputs = flight.outputs();
+        let [deflection, deflection_rate] = outputs.tip;
         let error = flight.slew_error();
-        let error_rate = flight.common.outputs.slew[1] - flight.clock().reference.rate;
+        let error_rate = outputs.slew[1] - flight.clock().reference.rate;
         let swing = deflection_rate * reward.vibration_time;
         let slide = flight.reach() * error_rate.mul_add(T::splat(reward.slew_time), error);
         self.samples += T::splat(1.0);
@@ -298,7 +304,7 @@ pub(crate) fn charge_for_rest(
 /// Lanes that are beyond a limit of the structure or no longer finite, a bit each.
 #[inline(always)]
 pub(crate) fn lost<T: Number>(flight: &Flight<T>, task: &Task) -> u32 {
-    let outputs = &flight.common.outputs;
+    let outputs = flight.outputs();
     let slewed = T::splat(task.limits.slew_error).below(flight.slew_error().abs());
     let bent = T::splat(task.limits.tip_deflection).below(outputs.tip[0].abs());
     (outputs.not_finite() + slewed + bent).bits()

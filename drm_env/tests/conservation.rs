@@ -66,8 +66,8 @@ fn momentum_defect(step: f64, following: bool) -> f64 {
     scenario.dynamics.particle_following = following;
     let law = Law::named("lyapunov").expect("the law exists");
     let mut flight = launch(&scenario);
+    let plan = Plan::new(&scenario).expect("the manoeuvre can be flown");
     let momentum = |flight: &Flight| {
-        let plan = flight.plan();
         angular_momentum(
             &plan.scenario.arm,
             &plan.payload,
@@ -82,7 +82,7 @@ fn momentum_defect(step: f64, following: bool) -> f64 {
     for _ in 0..scenario.samples() {
         let start = flight.time();
         let command = flight.law_torques(&law);
-        let at = |time: f64| flight.plan().slew_torque(time);
+        let at = |time: f64| plan.slew_torque(time);
         // Simpson's rule on the smooth open-loop torque; the wheels are held
         let slew = (at(start) + 4.0 * at(start + step / 2.0) + at(start + step)) / 6.0;
         flight.advance(&command, None);
@@ -150,8 +150,7 @@ fn stiff_arm_ends_where_the_rigid_solution_does() {
             horizon: 14.0,
             ..Scenario::default()
         };
-        let flight = launch(&scenario);
-        let plan = flight.plan();
+        let plan = Plan::new(&scenario).expect("the manoeuvre can be flown");
         let inertia = |payload| drm_env::plant::RigidInertia::new(&scenario.arm, payload);
         let (told, truth) = (inertia(&plan.reported), inertia(&plan.payload));
         let steps = 200_000;

@@ -19,6 +19,7 @@ from drm_env.errors import ConfigError
 Observations = NDArray[np.float32]
 Info = dict[str, Any]
 Mask = NDArray[np.bool_]
+Rows = NDArray[Any] | Sequence[NDArray[Any]]
 
 
 class Buffers(NamedTuple):
@@ -149,7 +150,7 @@ def lane_options(options: Mapping[str, Any] | None, num_envs: int) -> list[str |
 # -- Infos -----------------------------------------------------------------------------------
 
 
-def shared_info(keys: Sequence[str], rows: NDArray[Any], everywhere: Mask) -> Info:
+def shared_info(keys: Sequence[str], rows: Rows, everywhere: Mask) -> Info:
     """One row a key, valid in every sub-environment."""
     info: Info = {}
     for key, row in zip(keys, rows, strict=True):
@@ -163,7 +164,7 @@ def terms_info(terms: NDArray[np.float64], everywhere: Mask) -> Info:
     return shared_info(REWARD_KEYS, terms.T, everywhere)
 
 
-def masked_info(keys: Sequence[str], rows: NDArray[Any], mask: Mask) -> Info:
+def masked_info(keys: Sequence[str], rows: Rows, mask: Mask) -> Info:
     """Arrays that hold where ``mask`` does and are zero elsewhere, with their masks."""
     info: Info = {}
     for key, row in zip(keys, np.where(mask, rows, 0.0), strict=True):

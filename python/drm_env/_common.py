@@ -112,11 +112,6 @@ def context_info(values: NDArray[np.float64]) -> dict[str, Any]:
     return dict(zip(CONTEXT_KEYS, values.tolist(), strict=True))
 
 
-def context_infos(columns: NDArray[np.float64]) -> list[dict[str, Any]]:
-    """`context_info` of each sub-environment, from an array of shape (parameters, num_envs)."""
-    return [dict(zip(CONTEXT_KEYS, row, strict=True)) for row in columns.T.tolist()]
-
-
 def end_info(
     metrics: NDArray[np.float64], diverged: bool, success: bool
 ) -> Mapping[str, float | bool]:

@@ -54,10 +54,13 @@ class Batch:
         """
         Entries of one action.
         """
-    def contexts(self, /, out: NDArray[float64], everywhere: bool) -> None:
+    def began_contexts(self, /) -> tuple[list[int], NDArray[float64]]:
         """
-        Writes true contexts into columns, one an environment in the order of `context_names`: all
-        of them, or those of the environments that began an episode in the last call.
+        Environments that began an episode in the last call, and their true contexts in columns.
+        """
+    def contexts(self, /, out: NDArray[float64]) -> None:
+        """
+        Writes every true context into columns, one an environment, in the order of `context_names`.
         """
     def diverged(self, /) -> NDArray[bool_]:
         """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_env._common import CONTEXT_KEYS, RENDER_SIZE
+from drm_env._common import RENDER_SIZE
 from drm_env.configuration import flat_options
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ class Lane:
     @property
     def context(self) -> dict[str, float]:
         """The true context of the present episode, by the keys of the info."""
-        column = self._batch._context[:, self._index]
-        return dict(zip(CONTEXT_KEYS, column.tolist(), strict=True))
+        return self._batch.contexts.info(self._index)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

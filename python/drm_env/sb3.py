@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from drm_env._common import METRIC_KEYS, REWARD_KEYS, context_infos
+from drm_env._common import METRIC_KEYS, REWARD_KEYS
 from drm_env.errors import ConfigError
 from drm_env.lane import Lane
 from drm_env.vector import DrmVectorEnv
@@ -78,7 +78,7 @@ class DrmSB3VecEnv(VecEnv):
             An unknown or impossible option; nothing has been reset.
         """
         observations = self.batch.reset_lanes(self._seeds, self._options)
-        self._contexts = context_infos(self.batch.context)
+        self._contexts = self.batch.contexts.infos()
         self.reset_infos = [context.copy() for context in self._contexts]
         self._reset_seeds()
         self._reset_options()
@@ -131,7 +131,7 @@ class DrmSB3VecEnv(VecEnv):
     ) -> None:
         """Completes the infos of the episodes that ended and takes over the new ones' contexts."""
         last, metrics, diverged, success = self.batch.ended()
-        contexts = context_infos(self.batch.context)
+        contexts = self.batch.contexts.infos()
         for index in np.flatnonzero(dones).tolist():
             info = infos[index]
             info.update(self._contexts[index])
@@ -174,7 +174,7 @@ class DrmSB3VecEnv(VecEnv):
             for lane in self._lanes(indices)
         ]
         if method_name in ("reset", "set_state"):
-            self._contexts = context_infos(self.batch.context)
+            self._contexts = self.batch.contexts.infos()
         return results
 
     def env_is_wrapped(

@@ -42,6 +42,7 @@ from drm_env._common import (
     own_metadata,
     seed_bytes,
 )
+from drm_env._contexts import Contexts
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
 from drm_env.errors import ConfigError, ResetNeededError
 from drm_env.lane import Lane
@@ -147,11 +148,11 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self._horizon_steps = self._engine.horizon_steps
         self._spec: EnvSpec | None = None
         self._seeded = False
-        self._buffers = self._allocate()
+        self._buffers = None if self.copy else self._allocate()
         self._everywhere = np.ones(num_envs, dtype=np.bool_)
         self._everywhere.flags.writeable = False
-        self._context = np.zeros((len(CONTEXT_KEYS), num_envs))
-        self._ended_context = self._context
+        self._contexts = Contexts(num_envs)
+        self._ended_contexts = self._contexts
         self._context_info: Info = {}
         self._lanes: list[Lane] = []
 
@@ -215,7 +216,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         observations = self._reset(seeds, lane_options(options, self.num_envs), mask)
         if mask is None:
             return observations, self._context_info.copy()
-        return observations, masked_info(CONTEXT_KEYS, self._context, mask)
+        return observations, masked_info(CONTEXT_KEYS, self._contexts.rows, mask)
 
     def reset_lanes(
         self, seeds: Sequence[int | None], options: Sequence[Mapping[str, Any]]
@@ -238,7 +239,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             for index, value in zip(missing, drawn.tolist(), strict=True):
                 seeds[index] = value
         encoded = [None if value is None else seed_bytes(value) for value in seeds]
-        buffers = self._allocate() if self.copy else self._buffers
+        buffers = self._buffers or self._allocate()
         self._engine.reset(encoded, texts, mask, buffers.observations)
         self._seeded = True
         self._read_context(everywhere=mask is None)
@@ -293,7 +294,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             or not actions.flags.c_contiguous
         ):
             actions = convert_action(actions, self._action_shape)
-        buffers = self._allocate() if self.copy else self._buffers
+        buffers = self._buffers or self._allocate()
         any_reset, any_done = self._engine.step(actions, *buffers)
         if any_reset:
             self._read_context(everywhere=False)
@@ -302,7 +303,12 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     @property
     def context(self) -> NDArray[np.float64]:
         """The true contexts of the present episodes, shape (parameters, num_envs), read-only."""
-        return self._context
+        return self._contexts.matrix()
+
+    @property
+    def contexts(self) -> Contexts:
+        """The true contexts of the present episodes, a row a parameter."""
+        return self._contexts
 
     def ended(
         self,
@@ -333,12 +339,12 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
 
     def _read_context(self, *, everywhere: bool) -> None:
         """Caches the contexts, which change at resets alone, in arrays never written again."""
-        self._ended_context = self._context
-        context = self._context.copy()
-        self._engine.contexts(context, everywhere)
-        context.flags.writeable = False
-        self._context = context
-        self._context_info = shared_info(CONTEXT_KEYS, context, self._everywhere)
+        self._ended_contexts = self._contexts
+        if everywhere:
+            self._contexts = self._contexts.read(self._engine)
+        else:
+            self._contexts = self._contexts.after_resets(self._engine)
+        self._context_info = shared_info(CONTEXT_KEYS, self._contexts.rows, self._everywhere)
 
     def _eventful_info(self, buffers: Buffers) -> Info:
         """The infos of a step in which episodes ended or began."""
@@ -349,7 +355,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             last, metrics, diverged, settled = self.ended()
             ended = end_infos(metrics, diverged, settled, done)
         if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
-            ended.update(masked_info(CONTEXT_KEYS, self._ended_context, done))
+            ended.update(masked_info(CONTEXT_KEYS, self._ended_contexts.rows, done))
             ended.update(masked_info(REWARD_KEYS, buffers.terms.T, done))
             info.update(final_infos(last, ended, done))
             stepped = ~done
@@ -460,14 +466,15 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self._seeded = self._engine.has_reset()
         if self._seeded:
             self._read_context(everywhere=True)
-        self._engine.observations(self._buffers.observations)
+        if self._buffers is not None:
+            self._engine.observations(self._buffers.observations)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the engine, and the engine's state as bytes."""
         state = self.__dict__.copy()
         engine = state.pop("_engine")
         state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
-        for name in ("_lanes", "_context", "_ended_context", "_context_info", "_everywhere"):
+        for name in ("_lanes", "_contexts", "_ended_contexts", "_context_info", "_everywhere"):
             state.pop(name)
         return state
 
@@ -483,8 +490,8 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         snapshot = state.pop("_snapshot")
         self.__dict__.update(state)
         self._lanes = []
-        self._context = np.zeros((len(CONTEXT_KEYS), self.num_envs))
-        self._ended_context = self._context
+        self._contexts = Contexts(self.num_envs)
+        self._ended_contexts = self._contexts
         self._context_info = {}
         self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
         self._everywhere.flags.writeable = False

@@ -212,26 +212,37 @@ impl Batch {
         Ok(Out1::vector(py, &began))
     }
 
-    /// Writes true contexts into columns, one an environment in the order of `context_names`: all
-    /// of them, or those of the environments that began an episode in the last call.
-    fn contexts(&self, py: Python<'_>, mut out: InOut2<'_, f64>, everywhere: bool) -> Outcome<()> {
+    /// Writes every true context into columns, one an environment, in the order of `context_names`.
+    fn contexts(&self, py: Python<'_>, mut out: InOut2<'_, f64>) -> Outcome<()> {
         let n = self.num_envs;
         check_shape("contexts", out.shape(), &[COUNT, n])?;
         let out = out.slice_mut();
         self.with(py, move |engine| {
-            let mut write = |i: usize| {
+            for i in 0..n {
                 let context = engine.context(i).unwrap_or([f64::NAN; COUNT]);
                 for (row, value) in context.into_iter().enumerate() {
                     out[row * n + i] = value;
                 }
-            };
-            if everywhere {
-                (0..n).for_each(&mut write);
-            } else {
-                engine.began().for_each(&mut write);
             }
             Ok(())
         })
+    }
+
+    /// Environments that began an episode in the last call, and their true contexts in columns.
+    fn began_contexts<'py>(&self, py: Python<'py>) -> Outcome<(Vec<usize>, Out2<'py, f64>)> {
+        let (places, contexts) = self.with(py, |engine| {
+            let places: Vec<usize> = engine.began().collect();
+            let mut contexts = vec![0.0; COUNT * places.len()];
+            for (column, i) in places.iter().enumerate() {
+                let context = engine.context(*i).unwrap_or([f64::NAN; COUNT]);
+                for (row, value) in context.into_iter().enumerate() {
+                    contexts[row * places.len() + column] = value;
+                }
+            }
+            Ok((places, contexts))
+        })?;
+        let shape = (COUNT, places.len());
+        Ok((places, Out2::new(py, shape, &contexts)))
     }
 
     /// Last observation of the episodes that ended in the last step; zeros elsewhere.

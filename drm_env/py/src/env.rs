@@ -185,9 +185,7 @@ impl Env {
 
     /// The manoeuvre of this episode as JSON text.
     fn scenario_json(&self, py: Python<'_>) -> Outcome<String> {
-        self.with(py, |engine| {
-            Ok(scenario_text(&flight(engine)?.plan().scenario))
-        })
+        self.with(py, |engine| Ok(scenario_text(&flight(engine)?.scenario())))
     }
 
     /// Names and present values of the signals.

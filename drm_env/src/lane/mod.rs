@@ -5,9 +5,10 @@
 //! fused where [`Lane::mul_add`] is written and nowhere else: a processor without that instruction
 //! computes the same bits, slowly.
 //!
-//! [`Pack`] runs anywhere; [`wide`] has the packs that are one vector register of a processor.
+//! [`Pack`] runs anywhere; `wide` has the packs that are one vector register of a processor.
 
 mod pack;
+#[cfg(test)]
 pub(crate) mod twin;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod wide;

@@ -1,5 +1,4 @@
-//! Two packs in one: values of two instants, or of twice as many environments, whose constants are
-//! loaded once.
+//! Two packs in one, for tests: as many lanes as another width has, with fewer at a time.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 

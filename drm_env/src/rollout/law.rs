@@ -50,7 +50,7 @@ pub(super) fn fly<T: Vector>(queue: &Queue<'_>, law: &Law) {
 }
 
 fn place(index: usize, flight: &Flight<f64>) -> Place {
-    let left = flight.plan().scenario.samples();
+    let left = flight.scenario().samples();
     Place { index, left }
 }
 
@@ -128,7 +128,7 @@ impl<T: Number> Pilot<T> for Autopilot<'_> {
     #[inline(always)]
     fn flown(&mut self, flight: &mut Flight<T>) -> bool {
         self.flown += 1;
-        self.lost = flight.common.outputs.not_finite().bits() & !flight.resting();
+        self.lost = flight.outputs().not_finite().bits() & !flight.resting();
         self.lost == 0
     }
 }

@@ -9,6 +9,7 @@ use crate::error::{ConfigError, SimulationError};
 use crate::flight::{Flight, everyone, lanes_of};
 use crate::network::{Network, Scratch};
 use crate::scenario::Scenario;
+use crate::task::told_payload;
 use crate::vector::{Vector, Work};
 use crate::witness::Witness;
 
@@ -76,6 +77,12 @@ impl<'a> Autonomy<'a> {
         Ok(())
     }
 
+    /// What is told of the payload of a scenario: mass (kg), length and width (m).
+    fn told(&self, queue: &Queue<'_>, index: usize) -> [f64; 3] {
+        // a payload that cannot be has been refused with its scenario
+        told_payload(&queue.scenarios[index], &self.setup.config.task).unwrap_or([f64::NAN; 3])
+    }
+
     /// Flies episodes side by side until there are no more: a lane that has ended takes the next one.
     pub(super) fn fly<T: Vector>(&self, queue: &Queue<'_>) {
         let Some((index, first)) = queue.take() else {
@@ -133,7 +140,8 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
         let mut single = autonomy.template.clone();
         // in the template's place, for its equations may be others
         single.flight.clone_from(flight);
-        single.start(0, flight, queue.seeds[index], 0);
+        let payload = autonomy.told(queue, index);
+        single.start(0, flight, payload, queue.seeds[index], 0);
         let network = autonomy.network;
         let mut lanes = vec![None; T::WIDTH];
         lanes[0] = Some(index);
@@ -151,7 +159,9 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
     }
 
     fn begin(&mut self, lane: usize, index: usize, flight: &Flight<f64>) {
-        self.cohort.start(lane, flight, self.queue.seeds[index], 0);
+        let payload = self.autonomy.told(self.queue, index);
+        let seed = self.queue.seeds[index];
+        self.cohort.start(lane, flight, payload, seed, 0);
         self.lanes[lane] = Some(index);
     }
 

@@ -148,7 +148,7 @@ impl<'a> Recorder<'a> {
         lane: usize,
         driven: bool,
     ) -> Vec<f64> {
-        if flight.common.outputs.not_finite().lane(lane) == 0.0 {
+        if flight.outputs().lane_of(lane).not_finite() == 0.0 {
             self.keep(lane, &last_row(flight, lane, driven));
         }
         std::mem::take(&mut self.kept[lane])
@@ -184,7 +184,7 @@ impl<T: Number> Witness<T> for Recorder<'_> {
             // the torques of a row are those applied from it on
             let torques = flight.common.torques.lane_of(lane);
             let mut row = self.open[lane];
-            apply_torques(&mut row, flight.plan_of(lane), torques);
+            apply_torques(&mut row, flight, lane, torques);
             self.keep(lane, &row);
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::control::Law;
 use crate::error::{ConfigError, Error, SimulationError};
-use crate::flight::{Flight, Plan};
+use crate::flight::{Clock, Flight, Plan};
 use crate::lane::{Laned, Number};
 use crate::metrics::Metrics;
 use crate::rng::Seed;
@@ -60,7 +60,7 @@ pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] 
 
 /// [`signals`] of one lane.
 pub(super) fn signals_of<T: Number>(flight: &Flight<T>, lane: usize, torques: [f64; 3]) -> Row {
-    let outputs = flight.common.outputs.lane_of(lane);
+    let outputs = flight.outputs().lane_of(lane);
     let clock = flight.clock().lane_of(lane);
     let mut row = [
         clock.time,
@@ -84,14 +84,20 @@ pub(super) fn signals_of<T: Number>(flight: &Flight<T>, lane: usize, torques: [f
         flight.common.tip.momentum.lane(lane),
         0.0,
     ];
-    apply_torques(&mut row, flight.plan_of(lane), torques);
+    apply_torques(&mut row, flight, lane, torques);
     row
 }
 
-/// Replaces the torques of a row (slew motor, root and tip wheel, N m) and the motor's power.
-pub(super) fn apply_torques(row: &mut Row, plan: &Plan, torques: [f64; 3]) {
+/// Replaces the torques of a row of one lane (slew motor, root and tip wheel, N m) and the motor's
+/// power.
+pub(super) fn apply_torques<T: Number>(
+    row: &mut Row,
+    flight: &Flight<T>,
+    lane: usize,
+    torques: [f64; 3],
+) {
     row[SLEW_TORQUE..][..torques.len()].copy_from_slice(&torques);
-    let motor = plan.scenario.slew_motor.constants;
+    let motor = flight.fixed().current.lane_of(lane);
     row[MOTOR_POWER] = motor.power(torques[0], row[REFERENCE_RATE], row[REFERENCE_ACCEL]);
 }
 
@@ -102,8 +108,13 @@ pub(super) fn last_row<T: Number>(flight: &Flight<T>, lane: usize, driven: bool)
     let slew = if driven {
         slew
     } else {
-        let time = flight.clock().time.lane(lane);
-        flight.plan_of(lane).slew_torque(time)
+        let Clock {
+            reference,
+            extension,
+            ..
+        } = flight.clock().lane_of(lane);
+        let inertia = flight.fixed().inertia.lane_of(lane);
+        inertia.slew_torque(&extension, reference.rate, reference.accel)
     };
     signals_of(flight, lane, [slew, root, tip])
 }
@@ -138,7 +149,7 @@ pub fn simulate(
         let before = (sample % every == 0).then(|| signals(&flight, [0.0; 3]));
         flight.advance(&command, None);
         if let Some(mut row) = before {
-            apply_torques(&mut row, flight.plan(), flight.last_torques());
+            apply_torques(&mut row, &flight, 0, flight.last_torques());
             keep(row);
         }
         if !flight.is_finite() {
