@@ -1,9 +1,10 @@
 """Flying policies over the same episodes and recording what the engine's evaluator says.
 
-A law is flown by the engine from end to end (``drm_env.rollout``), at its own sampling period; a
-learned policy through ``gymnasium.make_vec`` at the period it was trained with. Episode i is in
-both cases the one that the environment flies after ``reset(seed=seed + i)``, so that all rows
-are paired. Metrics come from the engine's states, never from a policy.
+Laws and learned policies are flown by the engine from end to end (``drm_env.rollout``), a law at
+its own sampling period, a policy at the period it was trained with; any other policy through
+``gymnasium.make_vec``. Episode i is in all cases the one that the environment flies after
+``reset(seed=seed + i)``, so that all rows are paired. Metrics come from the engine's states, never
+from a policy.
 """
 
 from __future__ import annotations
@@ -119,8 +120,12 @@ def scenarios_of(
     env_id: str, config: drm_env.EnvConfig, seed: int, episodes: int
 ) -> list[dict[str, Any]]:
     """Return the scenarios that the environment flies with ``seed .. seed + episodes - 1``."""
-    task = str(gym.spec(env_id).kwargs["task"])
-    return drm_env.sample_scenarios(task, config=config, seed=seed, n=episodes)
+    return drm_env.sample_scenarios(task_of(env_id), config=config, seed=seed, n=episodes)
+
+
+def task_of(env_id: str) -> str:
+    """Return the name of the defaults that an environment id stands for."""
+    return str(gym.spec(env_id).kwargs["task"])
 
 
 def fly_law(
@@ -199,7 +204,9 @@ def fly_policy(
     details: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> Episodes:
-    """Fly any policy through ``gymnasium.make_vec``, one episode a sub-environment.
+    """Fly any policy, one episode a seed.
+
+    A ``NetworkPolicy`` is flown by the engine; anything else through ``gymnasium.make_vec``.
 
     Parameters
     ----------
@@ -208,7 +215,7 @@ def fly_policy(
     env_id, config
         The environment; its control period is what the policy acts at.
     seed, episodes
-        Sub-environment i is reset with ``seed + i``.
+        Episode i is that of ``reset(seed=seed + i)``.
     label
         Name in tables.
     details
@@ -217,18 +224,30 @@ def fly_policy(
         Called with (finished, total) episodes.
     """
     seeds = episode_seeds(seed, episodes)
-    parts: list[dict[str, NDArray[np.float64]]] = []
-    for first in range(0, episodes, _CHUNK):
-        count = min(_CHUNK, episodes - first)
-        parts.append(_fly_chunk(policy, env_id, config, seed + first, count))
-        if progress is not None:
-            progress(first + count, episodes)
     scenarios = scenarios_of(env_id, config, seed, episodes)
+    # a subclass may decide otherwise than its network
+    if type(policy) is NetworkPolicy:
+        metrics: dict[str, NDArray[np.float64]] = drm_env.rollout(
+            scenarios,
+            policy=policy.network.engine(),
+            task=task_of(env_id),
+            config=config,
+            seed=seed,
+            progress=progress,
+        )
+    else:
+        parts: list[dict[str, NDArray[np.float64]]] = []
+        for first in range(0, episodes, _CHUNK):
+            count = min(_CHUNK, episodes - first)
+            parts.append(_fly_chunk(policy, env_id, config, seed + first, count))
+            if progress is not None:
+                progress(first + count, episodes)
+        metrics = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return Episodes(
         label=label,
         control_period=float(config.task.control_period),
         seeds=seeds,
-        metrics={name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+        metrics=dict(metrics),
         context=_context(scenarios),
         details=details or {},
     )

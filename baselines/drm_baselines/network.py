@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import drm_env
 from drm_baselines import storage
 from drm_baselines.errors import PolicyError, RunError
 
@@ -95,6 +96,19 @@ class Perceptron:
     def outputs(self) -> int:
         """Number of action entries."""
         return int(self.weights[-1].shape[0])
+
+    def engine(self) -> drm_env.Network:
+        """Return the same network as the engine flies it, for ``drm_env.rollout``.
+
+        It computes in double precision: its actions differ from this one's by rounding.
+
+        Raises
+        ------
+        drm_env.ConfigError
+            Larger than the engine takes.
+        """
+        pairs = list(zip(self.weights, self.biases, strict=True))
+        return drm_env.Network(pairs, activation=self.activation, output=self.output)
 
     def __call__(self, observations: ArrayLike) -> _Array:
         """Return actions in [-1, 1], shape ``(n, outputs)``, for ``(n, inputs)`` observations."""

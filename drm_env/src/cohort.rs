@@ -17,6 +17,7 @@ use crate::task::{
     told_payload,
 };
 use crate::vector::{Vector, Work};
+use crate::witness::{Watched, Witness};
 
 /// Where an environment is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -207,12 +208,26 @@ impl<T: Number> Cohort<T> {
     pub(crate) fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
         let noise = Stream::new(draft.seed, draft.episode, Purpose::Sensors);
         let flight = Flight::new(Plan::of_valid(&draft.scenario)?, noise)?;
+        let payload = told_payload(&draft.scenario, &self.setup.config.task)?;
+        self.start(lane, &flight, payload, draft.seed, draft.episode);
+        Ok(())
+    }
+
+    /// Begins an episode in a lane with a manoeuvre at its beginning that the others accept; `payload`
+    /// is what is told of it, see [`told_payload`].
+    pub(crate) fn start(
+        &mut self,
+        lane: usize,
+        flight: &Flight<f64>,
+        payload: [f64; 3],
+        seed: Seed,
+        episode: u64,
+    ) {
         let setup = Arc::clone(&self.setup);
-        let payload = told_payload(&draft.scenario, &setup.config.task)?;
-        self.flight.put(lane, &flight);
+        self.flight.put(lane, flight);
         let member = &mut self.members[lane];
-        member.seed = draft.seed;
-        member.episode = draft.episode;
+        member.seed = seed;
+        member.episode = episode;
         member.phase = Phase::Running;
         self.payload.put_lane(lane, &payload);
         self.steps.set_lane(lane, 0.0);
@@ -222,14 +237,13 @@ impl<T: Number> Cohort<T> {
         self.diverged &= !(1 << lane);
         let mut frame = vec![0.0; setup.frame_size];
         let mut place = Some(frame.as_mut_slice());
-        observe(&flight, &setup.config.task, &payload, 1, |_| {
+        observe(flight, &setup.config.task, &payload, 1, |_| {
             place.take().unwrap_or_default()
         });
         let size = setup.observation_size;
         for row in self.observations[lane * size..][..size].chunks_exact_mut(frame.len()) {
             row.copy_from_slice(&frame);
         }
-        Ok(())
     }
 
     /// One control period of the lanes whose bits are set, which must be running, under finite
@@ -238,15 +252,34 @@ impl<T: Number> Cohort<T> {
     where
         T: Vector,
     {
+        self.step_watched(actions, lanes, None)
+    }
+
+    /// [`Cohort::step_lanes`] while somebody looks on.
+    pub(crate) fn step_watched(
+        &mut self,
+        actions: &[f32],
+        lanes: u32,
+        witness: Option<&mut (dyn Witness<T> + '_)>,
+    ) -> Outcomes<T>
+    where
+        T: Vector,
+    {
         T::enter(Step {
             cohort: self,
             actions,
             lanes,
+            witness,
         })
     }
 
     #[inline(always)]
-    fn step_inlined(&mut self, actions: &[f32], lanes: u32) -> Outcomes<T>
+    fn step_inlined(
+        &mut self,
+        actions: &[f32],
+        lanes: u32,
+        witness: Option<&mut (dyn Witness<T> + '_)>,
+    ) -> Outcomes<T>
     where
         T: Vector,
     {
@@ -285,7 +318,9 @@ impl<T: Number> Cohort<T> {
         let spent = zero.below(samples).bits() ^ everyone::<T>();
         self.flight.rest(!lanes | spent);
         if lanes & !spent != 0 {
-            self.flight.fly(setup.samples_per_action, &mut agent);
+            let pilot = &mut agent;
+            self.flight
+                .fly(setup.samples_per_action, &mut Watched { pilot, witness });
         }
         let Agent {
             flown, sums, lost, ..
@@ -366,18 +401,20 @@ impl<T: Number> Cohort<T> {
     }
 }
 
-struct Step<'a, T: Number> {
+struct Step<'a, 'b, T: Number> {
     cohort: &'a mut Cohort<T>,
     actions: &'a [f32],
     lanes: u32,
+    witness: Option<&'a mut (dyn Witness<T> + 'b)>,
 }
 
-impl<T: Vector> Work for Step<'_, T> {
+impl<T: Vector> Work for Step<'_, '_, T> {
     type Output = Outcomes<T>;
 
     #[inline(always)]
     fn run(self) -> Outcomes<T> {
-        self.cohort.step_inlined(self.actions, self.lanes)
+        self.cohort
+            .step_inlined(self.actions, self.lanes, self.witness)
     }
 }
 

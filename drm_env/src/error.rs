@@ -113,6 +113,20 @@ pub enum SimulationError {
         /// Which scenario of the list.
         index: usize,
     },
+    /// A network whose action in a rollout is NaN or infinite.
+    #[error(
+        "action[{entry}] of the policy in scenarios[{scenario}] at t = {time} s must be finite, got {value}"
+    )]
+    PolicyNotFinite {
+        /// Position within the action.
+        entry: usize,
+        /// Which scenario of the list.
+        scenario: usize,
+        /// Simulated time, s.
+        time: f64,
+        /// The value.
+        value: f64,
+    },
     /// The caller's progress callback asked for the end.
     #[error("interrupted")]
     Interrupted,

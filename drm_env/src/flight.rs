@@ -75,13 +75,13 @@ laned!(WheelLimits {
 /// What is fixed through an episode, as the sample loop needs it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fixed<T> {
-    inertia: RigidInertia<T>,
+    pub(crate) inertia: RigidInertia<T>,
     known: KnownInertia<T>,
     pub(crate) root: WheelLimits<T>,
     pub(crate) tip: WheelLimits<T>,
     direction: T,
     slew_end_time: T,
-    current: CurrentGains<T>,
+    pub(crate) current: CurrentGains<T>,
     /// Length of link 1, m.
     pub(crate) link1_length: T,
 }

@@ -17,7 +17,7 @@
 //! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`implicit`], [`lane`],
 //! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
 //! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
-//! [`body`], [`flight`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`]: what flies them.
+//! [`body`], [`flight`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them.
 //! [`render`], [`scene`]: pictures.
 
 pub mod actuator;
@@ -62,6 +62,7 @@ pub mod shape;
 pub mod task;
 pub mod timeline;
 mod vector;
+mod witness;
 
 pub use config::EnvConfig;
 pub use env::Env;

@@ -42,8 +42,9 @@ if TYPE_CHECKING:
     )
     from drm_env.law import ControlLaw
     from drm_env.model import Model
+    from drm_env.network import Network
     from drm_env.observation import ObservationEntry, observation_layout
-    from drm_env.simulation import Trajectory, rollout, sample_scenarios, simulate
+    from drm_env.simulation import Rollout, Trajectory, rollout, sample_scenarios, simulate
     from drm_env.vector import DrmVectorEnv
 
 __all__ = [
@@ -59,9 +60,11 @@ __all__ = [
     "EnvironmentClosedError",
     "LogUniform",
     "Model",
+    "Network",
     "Normal",
     "ObservationEntry",
     "ResetNeededError",
+    "Rollout",
     "Scenario",
     "SimulationError",
     "SnapshotError",
@@ -95,8 +98,9 @@ _HOMES = {
     ],
     "law": ["ControlLaw"],
     "model": ["Model"],
+    "network": ["Network"],
     "observation": ["ObservationEntry", "observation_layout"],
-    "simulation": ["Trajectory", "rollout", "sample_scenarios", "simulate"],
+    "simulation": ["Rollout", "Trajectory", "rollout", "sample_scenarios", "simulate"],
     "vector": ["DrmVectorEnv"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -13,9 +13,14 @@ __all__ = [
     "Env",
     "Law",
     "Model",
+    "Network",
     "__version__",
+    "batch_benchmark",
     "context_names",
     "default_config_json",
+    "env_benchmark",
+    "instructions",
+    "kernel_benchmark",
     "measurement_names",
     "metric_names",
     "observation_layout",
@@ -49,10 +54,13 @@ class Batch:
         """
         Entries of one action.
         """
-    def contexts(self, /, out: NDArray[float64], everywhere: bool) -> None:
+    def began_contexts(self, /) -> tuple[list[int], NDArray[float64]]:
         """
-        Writes true contexts into columns, one an environment in the order of `context_names`: all
-        of them, or those of the environments that began an episode in the last call.
+        Environments that began an episode in the last call, and their true contexts in columns.
+        """
+    def contexts(self, /, out: NDArray[float64]) -> None:
+        """
+        Writes every true context into columns, one an environment, in the order of `context_names`.
         """
     def diverged(self, /) -> NDArray[bool_]:
         """
@@ -349,6 +357,43 @@ class Model:
         Elastic angular frequencies, rising, rad/s.
         """
 
+@final
+class Network:
+    """
+    A multilayer perceptron; see the class of the same name in the Python package.
+    """
+    def __new__(
+        cls,
+        /,
+        layers: SupportsGetItem[int, tuple[NDArray[float32], NDArray[float32]]],
+        activation: str,
+        output: str,
+    ) -> Network:
+        """
+        Layers as weights (outputs, inputs) and biases (outputs,).
+        """
+    def act(self, /, observations: NDArray[float32]) -> NDArray[float32]:
+        """
+        Actions of observations, a row each: those of a rollout to the bit.
+        """
+    @property
+    def inputs(self, /) -> int:
+        """
+        Entries of an observation.
+        """
+    @property
+    def outputs(self, /) -> int:
+        """
+        Entries of an action.
+        """
+
+def batch_benchmark(
+    config: str, num_envs: SupportsIndex, steps: SupportsIndex, num_threads: SupportsIndex | None
+) -> float:
+    """
+    Seconds that a batch takes for `steps` control periods, automatic resets included.
+    """
+
 def context_names() -> list[str]:
     """
     Flat names of the scenario's parameters, in the order of every context.
@@ -357,6 +402,23 @@ def context_names() -> list[str]:
 def default_config_json(task: str) -> str:
     """
     The configuration behind a task's name, as complete JSON text.
+    """
+
+def env_benchmark(config: str, steps: SupportsIndex) -> float:
+    """
+    Seconds that a single environment takes for `steps` control periods, resets included.
+    """
+
+def instructions() -> tuple[str, list[int]]:
+    """
+    The instructions that the engine has found on this processor, and the widths of its packs.
+    """
+
+def kernel_benchmark(lanes: SupportsIndex, steps: SupportsIndex) -> tuple[float, int]:
+    """
+    Nanoseconds per Runge-Kutta step of 0.5 ms and environment of the thesis plant along the thesis
+    manoeuvre on the calling thread, over at least `steps` steps, and the lanes that were side by side:
+    1 is the way of a single environment, 0 the widest that the processor has.
     """
 
 def measurement_names() -> list[str]:
@@ -392,14 +454,18 @@ def reward_names() -> list[str]:
 
 def rollout(
     scenarios: SupportsGetItem[int, str],
-    law: str,
+    pilot: tuple[str | None, tuple[Network, str] | None],
     seeds: SupportsGetItem[int, bytes | bytearray],
     num_threads: SupportsIndex | None,
     progress: Any | None,
-) -> NDArray[float64]:
+    signals: SupportsGetItem[int, str] | None,
+    every: SupportsIndex,
+) -> tuple[NDArray[float64], list[tuple[str, NDArray[float64]]]]:
     """
-    Flies many manoeuvres under a law: metrics, a row a manoeuvre. `progress(flown, all)` is called
-    now and then; what it raises ends the work and is raised here.
+    Flies many manoeuvres under a law (as JSON text), or by a network in the task of a configuration
+    (as JSON text): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre,
+    every `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the
+    work and is raised here.
     """
 
 def sample_scenarios(config: str, seeds: SupportsGetItem[int, bytes | bytearray]) -> str:

@@ -13,11 +13,20 @@ from drm_env import _engine
 from drm_env._common import seed_bytes
 from drm_env.configuration import ConfigLike, resolve, to_data
 from drm_env.errors import ConfigError
+from drm_env.network import Network
 
 if TYPE_CHECKING:
     from drm_env._config import Scenario
 
-__all__ = ["LawLike", "ScenarioLike", "Trajectory", "rollout", "sample_scenarios", "simulate"]
+__all__ = [
+    "LawLike",
+    "Rollout",
+    "ScenarioLike",
+    "Trajectory",
+    "rollout",
+    "sample_scenarios",
+    "simulate",
+]
 
 ScenarioLike = "Scenario | Mapping[str, Any]"
 LawLike = str | Mapping[str, Any] | Any
@@ -105,6 +114,11 @@ def _seeds(seed: Any, n: int) -> list[bytes]:
     return [seed_bytes(int(seed) + index) for index in range(n)]
 
 
+def _check_decimation(decimation: Any) -> None:
+    if isinstance(decimation, bool) or not isinstance(decimation, int) or decimation < 1:
+        raise ConfigError(f"decimation must be a positive integer, got {decimation!r}")
+
+
 def simulate(
     scenario: Scenario | Mapping[str, Any] | None = None,
     law: LawLike = "none",
@@ -139,46 +153,136 @@ def simulate(
     ConfigError
         an unknown name or an impossible value, with its path and the value.
     """
-    if isinstance(decimation, bool) or not isinstance(decimation, int) or decimation < 1:
-        raise ConfigError(f"decimation must be a positive integer, got {decimation!r}")
+    _check_decimation(decimation)
     (first,) = _seeds(seed, 1)
     signals, metrics = _engine.simulate(scenario_json(scenario), law_json(law), decimation, first)
     return Trajectory(dict(signals), dict(metrics))
 
 
+class Rollout(dict[str, NDArray[np.float64]]):
+    """Metrics of many manoeuvres by name, each of shape (n,), in the order of the scenarios.
+
+    Attributes
+    ----------
+    trajectories
+        the signals that were asked for by name, each of shape (n, samples), SI and radians. Rows
+        are ``decimation`` sample periods apart and end with the last sample of the manoeuvre; NaN
+        follows where one ends before the longest. Empty without ``signals``.
+    """
+
+    def __init__(
+        self,
+        metrics: dict[str, NDArray[np.float64]],
+        trajectories: dict[str, NDArray[np.float64]],
+    ) -> None:
+        """Holds what the engine returned."""
+        super().__init__(metrics)
+        self.trajectories = trajectories
+
+    def __missing__(self, name: str) -> NDArray[np.float64]:
+        """Refuses a name that no metric has.
+
+        Raises
+        ------
+        KeyError
+            always; the message lists the metrics.
+        """
+        raise KeyError(f"no metric {name!r}; there are {', '.join(self)}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles hold metrics and trajectories."""
+        return type(self), (dict(self), self.trajectories)
+
+    def __repr__(self) -> str:
+        """Number of manoeuvres, and the names of metrics and signals."""
+        count = len(next(iter(self.values()), ()))
+        signals = f"; signals {', '.join(self.trajectories)}" if self.trajectories else ""
+        return f"Rollout({count} manoeuvres: {', '.join(self)}{signals})"
+
+
+def _pilot(
+    law: LawLike | None,
+    policy: Network | None,
+    task: str | None,
+    config: ConfigLike,
+    options: Mapping[str, Any],
+) -> tuple[str | None, tuple[_engine.Network, str] | None]:
+    """What the engine is told of who flies.
+
+    Raises
+    ------
+    ConfigError
+        a law and a policy, a policy that is none, or a task for a law.
+    """
+    if policy is None:
+        given = {name for name, value in (("task", task), ("config", config)) if value is not None}
+        if extra := sorted(given | set(options)):
+            raise ConfigError(
+                f"{extra[0]} belongs to the task of a policy: it cannot be given without policy"
+            )
+        return law_json(law), None
+    if law is not None:
+        raise ConfigError(f"give either law or policy, got the law {law!r} and a policy")
+    if not isinstance(policy, Network):
+        raise ConfigError(f"policy must be a drm_env.Network, got {type(policy).__name__}")
+    return None, (policy._engine, resolve("slew" if task is None else task, config, options))
+
+
 def rollout(
     scenarios: Sequence[Scenario | Mapping[str, Any]],
-    law: LawLike = "none",
+    law: LawLike | None = None,
     *,
+    policy: Network | None = None,
+    task: str | None = None,
+    config: ConfigLike = None,
     seed: int = 0,
     num_threads: int | None = None,
     progress: Callable[[int, int], object] | None = None,
-) -> dict[str, NDArray[np.float64]]:
-    """Flies many manoeuvres in parallel and returns their metrics alone.
+    signals: Sequence[str] | None = None,
+    decimation: int = 1,
+    **options: Any,
+) -> Rollout:
+    """Flies many manoeuvres in parallel, under a law or by a network, without Python in the loop.
 
     Parameters
     ----------
     scenarios
         as for `simulate`; see also `sample_scenarios`.
     law
-        as for `simulate`.
+        as for `simulate`; without it and without a policy, ``"none"``.
+    policy
+        a network that acts in an environment, instead of a law. Its episodes are those of `DrmEnv`
+        with each scenario in the place of the drawn one: they end at the horizon, by divergence or
+        at a limit of the structure, and pay rewards.
+    task, config, **options
+        as for `DrmEnv`, with a policy only: what it sees, does and is paid for. Sample period,
+        horizon and (if the policy drives the slew motor) the motor's torque limit of each scenario
+        must be those of the task.
     seed
         of the sensors' noise: scenario i gets ``seed + i``.
     num_threads
         threads; ``None``: one a core.
     progress
         called now and then with how many are done and how many there are.
+    signals
+        names of signals to keep of each manoeuvre, see `simulate`; ``None``: no trajectories.
+    decimation
+        keep every so many samples of the sample period, the first and the last included.
 
     Returns
     -------
     metrics
-        Metrics by name, each of shape (len(scenarios),), in the order of ``scenarios``. The numbers
-        do not depend on the number of threads.
+        Metrics by name, each of shape (len(scenarios),), in the order of ``scenarios``, with the
+        kept signals in the attribute ``trajectories``. The numbers do not depend on the number of
+        threads. The return of a law is 0: nothing is paid.
 
     Raises
     ------
     ConfigError
-        an unknown name or an impossible value in any of them; nothing has been flown.
+        an unknown name or an impossible value in any of them, a policy that does not fit the task,
+        trajectories of more than 16 GiB; nothing has been flown.
+    SimulationError
+        a policy whose actions are not finite.
     """
     if isinstance(scenarios, (str, bytes, Mapping)):
         raise ConfigError(
@@ -186,10 +290,19 @@ def rollout(
         )
     if num_threads is not None and (isinstance(num_threads, bool) or num_threads < 1):
         raise ConfigError(f"num_threads must be a positive integer, got {num_threads!r}")
+    _check_decimation(decimation)
+    if signals is None and decimation != 1:
+        raise ConfigError(f"decimation needs signals to keep, got {decimation!r} without signals")
+    if signals is not None:
+        if isinstance(signals, (str, bytes)) or not all(isinstance(item, str) for item in signals):
+            raise ConfigError(f"signals must be a sequence of names, got {signals!r}")
+        signals = list(signals)
+    pilot = _pilot(law, policy, task, config, options)
     texts = [scenario_json(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
     seeds = _seeds(seed, len(texts))
-    rows = _engine.rollout(texts, law_json(law), seeds, num_threads, progress)
-    return dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
+    rows, kept = _engine.rollout(texts, pilot, seeds, num_threads, progress, signals, decimation)
+    metrics = dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
+    return Rollout(metrics, dict(kept))
 
 
 def sample_scenarios(

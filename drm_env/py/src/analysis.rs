@@ -17,7 +17,7 @@ use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{In1, In2, Out1, Out2};
 use crate::env::scenario_text;
-use crate::error::{Failure, Outcome, check_shape, detached, guarded};
+use crate::error::{Outcome, check_shape, detached, guarded};
 
 /// The arm with one payload.
 #[pyclass(frozen, module = "drm_env._engine")]
@@ -332,48 +332,6 @@ pub(crate) fn simulate<'py>(
             .collect(),
         metrics.collect(),
     ))
-}
-
-/// Flies many manoeuvres under a law: metrics, a row a manoeuvre. `progress(flown, all)` is called
-/// now and then; what it raises ends the work and is raised here.
-#[pyfunction]
-#[pyo3(signature = (scenarios, law, seeds, num_threads, progress))]
-pub(crate) fn rollout<'py>(
-    py: Python<'py>,
-    scenarios: Vec<String>,
-    law: &str,
-    seeds: Vec<PyBackedBytes>,
-    num_threads: Option<usize>,
-    progress: Option<Py<PyAny>>,
-) -> Outcome<Out2<'py, f64>> {
-    let mut raised: Option<PyErr> = None;
-    let result = detached(py, || {
-        let scenarios = scenarios
-            .iter()
-            .enumerate()
-            .map(|(i, text)| {
-                scenario_from_json(text).map_err(|e| e.within(&format!("scenarios[{i}]")))
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        let law = law_from_json(law)?;
-        let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
-        let report = |flown: usize| {
-            let outcome = Python::attach(|py| {
-                py.check_signals()?;
-                match &progress {
-                    Some(callback) => callback.call1(py, (flown, scenarios.len())).map(drop),
-                    None => Ok(()),
-                }
-            });
-            outcome.map_err(|error| raised = Some(error)).is_ok()
-        };
-        flights::rollout(&scenarios, &law, &seeds, num_threads, report)
-    });
-    if let Some(error) = raised {
-        return Err(Failure::from(error));
-    }
-    let rows: Vec<_> = result?.iter().map(|metrics| metrics.values()).collect();
-    Ok(Out2::matrix(py, &rows))
 }
 
 /// The manoeuvres that environments fly in the first episode of each seed, as a JSON list.

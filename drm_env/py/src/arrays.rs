@@ -143,6 +143,19 @@ impl<'py, T: Scalar> Out1<'py, T> {
 }
 
 impl<'py> Out2<'py, f64> {
+    /// A matrix that takes the memory of its `values`, row by row.
+    ///
+    /// # Errors
+    /// Another number of values than `shape` has.
+    pub(crate) fn taken(
+        py: Python<'py>,
+        shape: (usize, usize),
+        values: Vec<f64>,
+    ) -> PyResult<Self> {
+        let flat = PyArray::from_vec(py, values);
+        Ok(Self(flat.reshape([shape.0, shape.1])?))
+    }
+
     /// A matrix of the given rows.
     pub(crate) fn matrix<const N: usize>(py: Python<'py>, rows: &[[f64; N]]) -> Self {
         Self::new(py, (rows.len(), N), rows.as_flattened())

@@ -7,6 +7,7 @@ mod benchmark;
 mod config;
 mod env;
 mod error;
+mod rollout;
 
 use pyo3::prelude::*;
 
@@ -19,7 +20,7 @@ mod _engine {
 
     #[pymodule_export]
     use super::analysis::{
-        Law, Model, measurement_names, rollout, sample_scenarios, signal_names, simulate,
+        Law, Model, measurement_names, sample_scenarios, signal_names, simulate,
     };
     #[pymodule_export]
     use super::batch::Batch;
@@ -32,4 +33,6 @@ mod _engine {
     };
     #[pymodule_export]
     use super::env::Env;
+    #[pymodule_export]
+    use super::rollout::{Network, rollout};
 }

@@ -1,0 +1,174 @@
+//! Many manoeuvres flown from end to end, and the networks that may fly them.
+
+use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
+use drm_env::control::Law;
+use drm_env::error::{ConfigError, Error};
+use drm_env::network::{Activation, Layer, Network as Engine, Output, Scratch};
+use drm_env::rng::Seed;
+use drm_env::rollout::{self as flights, Controller, Options, Recording};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+
+use crate::arrays::{In1, In2, Out2};
+use crate::error::{Failure, Outcome, check_shape, detached, guarded};
+
+/// A multilayer perceptron; see the class of the same name in the Python package.
+#[pyclass(frozen, module = "drm_env._engine")]
+pub(crate) struct Network(Engine);
+
+/// What is called `name` in a list of names and meanings.
+fn named<T: Copy>(path: &str, name: &str, known: &[(&str, T)]) -> Result<T, ConfigError> {
+    let found = known.iter().find(|(candidate, _)| *candidate == name);
+    found.map(|(_, meaning)| *meaning).ok_or_else(|| {
+        let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
+        ConfigError::value(path, format!("must be one of {}", names.join(", ")), name)
+    })
+}
+
+#[pymethods]
+impl Network {
+    /// Layers as weights (outputs, inputs) and biases (outputs,).
+    #[new]
+    #[allow(clippy::needless_pass_by_value)]
+    fn new(
+        layers: Vec<(In2<'_, f32>, In1<'_, f32>)>,
+        activation: &str,
+        output: &str,
+    ) -> Outcome<Self> {
+        guarded(|| {
+            let activations = [("tanh", Activation::Tanh), ("relu", Activation::Relu)];
+            let activation = named("activation", activation, &activations)?;
+            let outputs = [("clip", Output::Clip), ("tanh", Output::Tanh)];
+            let output = named("output", output, &outputs)?;
+            let mut plain = Vec::with_capacity(layers.len());
+            for (index, (weights, biases)) in layers.iter().enumerate() {
+                let (rows, count) = (weights.shape()[0], biases.slice().len());
+                if rows != count {
+                    let path = format!("layers[{index}].weights");
+                    let requirement = format!("must have {count} rows, one for each bias");
+                    return Err(ConfigError::value(path, requirement, rows));
+                }
+                plain.push(Layer {
+                    weights: weights.slice().to_vec(),
+                    biases: biases.slice().to_vec(),
+                });
+            }
+            Ok(Self(Engine::new(&plain, activation, output)?))
+        })
+    }
+
+    /// Entries of an observation.
+    #[getter]
+    fn inputs(&self) -> usize {
+        self.0.inputs()
+    }
+
+    /// Entries of an action.
+    #[getter]
+    fn outputs(&self) -> usize {
+        self.0.outputs()
+    }
+
+    /// Actions of observations, a row each: those of a rollout to the bit.
+    fn act<'py>(&self, py: Python<'py>, observations: In2<'py, f32>) -> Outcome<Out2<'py, f32>> {
+        let (inputs, outputs) = (self.0.inputs(), self.0.outputs());
+        let count = observations.shape()[0];
+        check_shape("observations", observations.shape(), &[count, inputs])?;
+        let rows = observations.slice();
+        let actions = detached(py, || {
+            let mut actions = Vec::with_capacity(count * outputs);
+            let mut action = vec![0.0; outputs];
+            let mut scratch = Scratch::new();
+            for row in rows.chunks_exact(inputs) {
+                let values: Vec<f64> = row.iter().map(|value| f64::from(*value)).collect();
+                self.0.act(&values, &mut scratch, &mut action)?;
+                actions.extend(action.iter().map(|value| *value as f32));
+            }
+            Ok(actions)
+        })?;
+        Ok(Out2::new(py, (count, outputs), &actions))
+    }
+}
+
+/// Who flies a rollout.
+enum Pilot<'a> {
+    Law(Law),
+    Network(&'a Engine, Box<EnvConfig>),
+}
+
+/// Flies many manoeuvres under a law (as JSON text), or by a network in the task of a configuration
+/// (as JSON text): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre,
+/// every `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the
+/// work and is raised here.
+#[pyfunction]
+#[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every))]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+pub(crate) fn rollout<'py>(
+    py: Python<'py>,
+    scenarios: Vec<String>,
+    pilot: (Option<String>, Option<(Py<Network>, String)>),
+    seeds: Vec<PyBackedBytes>,
+    num_threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+    signals: Option<Vec<String>>,
+    every: usize,
+) -> Outcome<(Out2<'py, f64>, Vec<(&'static str, Out2<'py, f64>)>)> {
+    let mut raised: Option<PyErr> = None;
+    let count = scenarios.len();
+    let result = detached(py, || {
+        let pilot = match &pilot {
+            (Some(law), None) => Pilot::Law(law_from_json(law)?),
+            (None, Some((network, config))) => {
+                Pilot::Network(&network.get().0, Box::new(EnvConfig::from_json(config)?))
+            }
+            _ => {
+                let message = "give either a law or a policy";
+                return Err(Error::from(ConfigError::form("pilot", message)));
+            }
+        };
+        let recording = signals
+            .map(|signals| Recording::new(&signals, every))
+            .transpose()?;
+        let scenarios = scenarios
+            .iter()
+            .enumerate()
+            .map(|(i, text)| {
+                scenario_from_json(text).map_err(|e| e.within(&format!("scenarios[{i}]")))
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
+        let report = |flown: usize| {
+            let outcome = Python::attach(|py| {
+                py.check_signals()?;
+                match &progress {
+                    Some(callback) => callback.call1(py, (flown, count)).map(drop),
+                    None => Ok(()),
+                }
+            });
+            outcome.map_err(|error| raised = Some(error)).is_ok()
+        };
+        let controller = match &pilot {
+            Pilot::Law(law) => Controller::Law(law),
+            Pilot::Network(network, config) => Controller::Network { network, config },
+        };
+        let options = Options {
+            threads: num_threads,
+            recording,
+            ..Options::default()
+        };
+        flights::fly(&scenarios, controller, &seeds, &options, report)
+    });
+    if let Some(error) = raised {
+        return Err(Failure::from(error));
+    }
+    let flown = result?;
+    let rows: Vec<_> = flown.metrics.iter().map(|m| m.values()).collect();
+    let mut kept = Vec::new();
+    if let Some(trajectories) = flown.trajectories {
+        let shape = (count, trajectories.samples);
+        for (name, values) in trajectories.signals {
+            kept.push((name, Out2::taken(py, shape, values)?));
+        }
+    }
+    Ok((Out2::matrix(py, &rows), kept))
+}

@@ -1,0 +1,134 @@
+//! Manoeuvres under a law, side by side.
+
+use crate::control::{Law, WheelTorques};
+use crate::flight::{Flight, Fly, Pilot, everyone, lanes_of};
+use crate::lane::Number;
+use crate::vector::Vector;
+use crate::witness::{Watched, Witness};
+
+use super::queue::{Ended, Queue};
+use super::record::Recorder;
+
+/// Samples between two looks at the lanes, unless one ends before.
+const SAMPLES_BETWEEN_LOOKS: usize = 256;
+
+/// A manoeuvre in one lane: its place in the list, and the samples that are left of it.
+#[derive(Clone, Copy)]
+struct Place {
+    index: usize,
+    left: usize,
+}
+
+/// Flies manoeuvres side by side until there are no more: a lane that has ended takes the next one.
+pub(super) fn fly<T: Vector>(queue: &Queue<'_>, law: &Law) {
+    let Some((index, first)) = queue.take() else {
+        return;
+    };
+    let mut lanes: Vec<Option<Place>> = vec![None; T::WIDTH];
+    lanes[0] = Some(place(index, &first));
+    let mut flight = Flight::<T>::spread(&first);
+    let mut recorder = queue.recorder(T::WIDTH);
+    let mut more = true;
+    loop {
+        for (lane, taken) in lanes.iter_mut().enumerate() {
+            while more && taken.is_none() {
+                match queue.take() {
+                    None => more = false,
+                    Some((index, next)) if flight.accepts(&next) => {
+                        *taken = Some(place(index, &next));
+                        flight.put(lane, &next);
+                    }
+                    Some((index, next)) => fly_alone(queue, index, next, law),
+                }
+            }
+        }
+        if queue.stopped() || lanes.iter().all(Option::is_none) {
+            return;
+        }
+        leg(queue, law, &mut flight, &mut lanes, recorder.as_mut());
+    }
+}
+
+fn place(index: usize, flight: &Flight<f64>) -> Place {
+    let left = flight.scenario().samples();
+    Place { index, left }
+}
+
+/// Flies one manoeuvre whose equations or samples are not those of the others.
+fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, law: &Law) {
+    let mut lanes = [Some(place(index, &flight))];
+    let mut recorder = queue.recorder(1);
+    while lanes[0].is_some() && !queue.stopped() {
+        leg(queue, law, &mut flight, &mut lanes, recorder.as_mut());
+    }
+}
+
+/// Flies until a lane ends or it is time for a look, and hands in those that have ended.
+fn leg<T: Vector>(
+    queue: &Queue<'_>,
+    law: &Law,
+    flight: &mut Flight<T>,
+    lanes: &mut [Option<Place>],
+    mut recorder: Option<&mut Recorder<'_>>,
+) {
+    let flying = lanes.iter().flatten();
+    let left = flying.map(|place| place.left).min().unwrap_or(0);
+    let taken = (0..T::WIDTH).filter(|lane| lanes[*lane].is_some());
+    let taken = taken.fold(0_u32, |bits, lane| bits | 1 << lane);
+    flight.rest(!taken);
+    if let Some(recorder) = recorder.as_deref_mut() {
+        recorder.look_again();
+    }
+    let mut pilot = Autopilot {
+        law,
+        flown: 0,
+        lost: 0,
+    };
+    T::enter(Fly {
+        flight,
+        samples: left.min(SAMPLES_BETWEEN_LOOKS),
+        pilot: &mut Watched {
+            pilot: &mut pilot,
+            witness: recorder
+                .as_deref_mut()
+                .map(|recorder| recorder as &mut dyn Witness<T>),
+        },
+    });
+    for lane in lanes_of(taken & everyone::<T>()) {
+        let Some(Place { index, left }) = lanes[lane] else {
+            continue;
+        };
+        let left = left - pilot.flown;
+        let lost = pilot.lost >> lane & 1 == 1;
+        lanes[lane] = Some(Place { index, left });
+        if left == 0 || lost {
+            let rows = recorder
+                .as_deref_mut()
+                .map_or_else(Vec::new, |recorder| recorder.end(flight, lane, false));
+            let metrics = flight.one(lane).metrics(lost, 0.0);
+            queue.send(index, Ok(Ended { metrics, rows }));
+            lanes[lane] = None;
+        }
+    }
+}
+
+/// A law as the pilot, until a lane's state is no longer finite.
+struct Autopilot<'a> {
+    law: &'a Law,
+    flown: usize,
+    lost: u32,
+}
+
+impl<T: Number> Pilot<T> for Autopilot<'_> {
+    #[inline(always)]
+    fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
+        (flight.law_torques(self.law), None)
+    }
+
+    #[inline(always)]
+    fn flown(&mut self, flight: &mut Flight<T>) -> bool {
+        self.flown += 1;
+        self.lost = flight.outputs().not_finite().bits() & !flight.resting();
+        self.lost == 0
+    }
+}

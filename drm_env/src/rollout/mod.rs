@@ -1,0 +1,262 @@
+//! Whole closed-loop manoeuvres flown from end to end, under a law or by a network that acts in an
+//! environment: one with its trajectory, or many in parallel with their metrics and, if wanted, some of
+//! their signals.
+
+mod law;
+mod network;
+mod queue;
+mod record;
+mod trajectory;
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::time::{Duration, Instant};
+
+use crate::config::EnvConfig;
+use crate::control::Law;
+use crate::crew::widths;
+use crate::error::{ConfigError, Error, SimulationError};
+use crate::lane::{Instructions, Pack};
+use crate::metrics::Metrics;
+use crate::network::Network;
+use crate::rng::{Purpose, Seed, Stream};
+use crate::scenario::Scenario;
+use crate::vector::Vector;
+
+use network::Autonomy;
+use queue::{Ended, Queue};
+
+pub use record::{MAX_BYTES, Recording, Trajectories};
+pub use trajectory::{SIGNAL_NAMES, Trajectory, signals, simulate};
+
+/// Who decides.
+#[derive(Debug, Clone, Copy)]
+pub enum Controller<'a> {
+    /// A law, at the sample period; nothing is paid and no limit of the structure watched.
+    Law(&'a Law),
+    /// A network that acts on the observations of an environment: its episodes are those of [`crate::Env`]
+    /// with each scenario in the place of the one that the configuration draws.
+    Network {
+        /// As many inputs as the observation has entries, as many outputs as there are actuators.
+        network: &'a Network,
+        /// What the network does, sees and is paid for is its task.
+        config: &'a EnvConfig,
+    },
+}
+
+/// How a rollout is flown.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Most threads; none is one for each processor.
+    pub threads: Option<usize>,
+    /// Instructions that the processor has; the results do not depend on them.
+    pub instructions: Instructions,
+    /// Signals to keep.
+    pub recording: Option<Recording>,
+}
+
+impl Default for Options {
+    /// Every processor, the widest instructions, no signals.
+    fn default() -> Self {
+        Self {
+            threads: None,
+            instructions: Instructions::detect(),
+            recording: None,
+        }
+    }
+}
+
+/// What a rollout returns.
+#[derive(Debug, Clone)]
+pub struct Flown {
+    /// Metrics, one a scenario.
+    pub metrics: Vec<Metrics>,
+    /// Signals, if any were to be kept.
+    pub trajectories: Option<Trajectories>,
+}
+
+/// Longest time between two calls of `progress`, and between an interruption and its notice.
+const REPORT_PERIOD: Duration = Duration::from_millis(50);
+
+/// Results that may wait to be taken up.
+const WAITING_RESULTS: usize = 256;
+
+/// [`fly`] under a law, for the metrics alone.
+///
+/// # Errors
+/// See [`fly`].
+pub fn rollout(
+    scenarios: &[Scenario],
+    law: &Law,
+    seeds: &[Seed],
+    threads: Option<usize>,
+    progress: impl FnMut(usize) -> bool,
+) -> Result<Vec<Metrics>, Error> {
+    let options = Options {
+        threads,
+        ..Options::default()
+    };
+    let flown = fly(scenarios, Controller::Law(law), seeds, &options, progress)?;
+    Ok(flown.metrics)
+}
+
+/// Flies many manoeuvres in parallel, side by side in lanes and on threads; the result depends on
+/// neither. `seeds` feed the sensors' noise, one a scenario. `progress` is called now and then on the
+/// calling thread with the number flown and ends the work by returning false. A manoeuvre that
+/// diverges ends there and says so.
+///
+/// # Errors
+/// A scenario, law, network or option that cannot be used, before anything is flown; actions of the
+/// network that are not finite; an interruption.
+pub fn fly(
+    scenarios: &[Scenario],
+    controller: Controller<'_>,
+    seeds: &[Seed],
+    options: &Options,
+    progress: impl FnMut(usize) -> bool,
+) -> Result<Flown, Error> {
+    let controller = ready(scenarios, controller)?;
+    if seeds.len() != scenarios.len() {
+        return Err(SimulationError::Length {
+            name: "seeds",
+            expected: scenarios.len(),
+            got: seeds.len(),
+        }
+        .into());
+    }
+    let instructions = options.instructions;
+    if instructions > Instructions::detect() {
+        let requirement = "must be instructions that the processor has";
+        return Err(ConfigError::value("instructions", requirement, instructions.name()).into());
+    }
+    let recording = options.recording.as_ref();
+    let mut flown = Flown {
+        metrics: vec![Metrics::default(); scenarios.len()],
+        trajectories: recording
+            .map(|recording| Trajectories::new(recording, scenarios))
+            .transpose()?,
+    };
+    let available = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = options.threads.unwrap_or(available);
+    let threads = threads.max(1).min(scenarios.len());
+    let each = scenarios.len().div_ceil(threads.max(1));
+    let width = widths(each, instructions).first().copied();
+    let (stop, next) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let mut failure = None;
+    std::thread::scope(|scope| {
+        let (done, finished) = sync_channel(WAITING_RESULTS);
+        for thread in 0..threads {
+            let queue = Queue {
+                scenarios,
+                seeds,
+                recording,
+                next: &next,
+                stop: &stop,
+                done: done.clone(),
+            };
+            let controller = &controller;
+            let builder = std::thread::Builder::new().name(format!("rollout-{thread}"));
+            let started = builder.spawn_scoped(scope, move || match width {
+                #[cfg(target_arch = "x86_64")]
+                Some(8) => controller.fly::<crate::lane::wide::Wide8>(&queue),
+                #[cfg(target_arch = "x86_64")]
+                Some(4) => controller.fly::<crate::lane::wide::Wide4>(&queue),
+                Some(2) => controller.fly::<Pack<2>>(&queue),
+                _ => controller.fly::<f64>(&queue),
+            });
+            if started.is_err() && thread == 0 {
+                let requirement = "could not be started by the system";
+                failure = Some(ConfigError::value("num_threads", requirement, threads).into());
+            }
+        }
+        drop(done);
+        failure = failure
+            .take()
+            .or(collect(&finished, &stop, &mut flown, progress));
+    });
+    match failure {
+        Some(error) => Err(error),
+        None => Ok(flown),
+    }
+}
+
+/// Takes results up until every thread has ended; the first failure, if there was one.
+fn collect(
+    finished: &std::sync::mpsc::Receiver<queue::Report>,
+    stop: &AtomicBool,
+    flown: &mut Flown,
+    mut progress: impl FnMut(usize) -> bool,
+) -> Option<Error> {
+    let mut failure = None;
+    let mut count = 0;
+    let mut reported = Instant::now();
+    loop {
+        match finished.recv_timeout(REPORT_PERIOD) {
+            Ok((index, Ok(Ended { metrics, rows }))) => {
+                flown.metrics[index] = metrics;
+                if let Some(trajectories) = &mut flown.trajectories {
+                    trajectories.put(index, &rows);
+                }
+                count += 1;
+            }
+            Ok((_, Err(error))) => {
+                stop.store(true, Ordering::Relaxed);
+                failure.get_or_insert(error);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+        if reported.elapsed() >= REPORT_PERIOD {
+            reported = Instant::now();
+            if !stop.load(Ordering::Relaxed) && !progress(count) {
+                stop.store(true, Ordering::Relaxed);
+                failure.get_or_insert(SimulationError::Interrupted.into());
+            }
+        }
+    }
+    if failure.is_none() {
+        progress(count);
+    }
+    failure
+}
+
+/// A controller that has been checked against the scenarios.
+enum Ready<'a> {
+    Law(&'a Law),
+    Network(Box<Autonomy<'a>>),
+}
+
+impl Ready<'_> {
+    fn fly<T: Vector>(&self, queue: &Queue<'_>) {
+        match self {
+            Self::Law(law) => law::fly::<T>(queue, law),
+            Self::Network(autonomy) => autonomy.fly::<T>(queue),
+        }
+    }
+}
+
+/// Refuses what cannot be flown.
+fn ready<'a>(scenarios: &[Scenario], controller: Controller<'a>) -> Result<Ready<'a>, ConfigError> {
+    let ready = match controller {
+        Controller::Law(law) => {
+            law.validate()?;
+            Ready::Law(law)
+        }
+        Controller::Network { network, config } => {
+            Ready::Network(Box::new(Autonomy::new(network, config)?))
+        }
+    };
+    for (i, scenario) in scenarios.iter().enumerate() {
+        let checked = scenario.validate().and_then(|()| match &ready {
+            Ready::Law(_) => Ok(()),
+            Ready::Network(autonomy) => autonomy.check(scenario),
+        });
+        checked.map_err(|e| e.within(&format!("scenarios[{i}]")))?;
+    }
+    Ok(ready)
+}
+
+/// The sensors' noise of a manoeuvre: that of an environment's first episode with this seed.
+fn noise(seed: Seed) -> Stream {
+    Stream::new(seed, 0, Purpose::Sensors)
+}

@@ -1,0 +1,266 @@
+//! Episodes of an environment that a network flies, side by side.
+
+use std::sync::Arc;
+
+use crate::cohort::{Cohort, Setup};
+use crate::config::{Actuator, EnvConfig};
+use crate::env::Env;
+use crate::error::{ConfigError, SimulationError};
+use crate::flight::{Flight, everyone, lanes_of};
+use crate::network::{Network, Scratch};
+use crate::scenario::Scenario;
+use crate::task::told_payload;
+use crate::vector::{Vector, Work};
+use crate::witness::Witness;
+
+use super::queue::{Ended, Queue};
+use super::record::Recorder;
+
+/// A network and the task it flies.
+pub(super) struct Autonomy<'a> {
+    network: &'a Network,
+    setup: Arc<Setup>,
+    /// An environment of the task, whose episode is replaced by each manoeuvre.
+    template: Env,
+    /// Whether the slew motor is the network's.
+    drives_slew: bool,
+}
+
+impl<'a> Autonomy<'a> {
+    /// Puts a network into the task of a configuration.
+    ///
+    /// # Errors
+    /// A configuration that cannot be flown; a network with other inputs than the observation has
+    /// entries, or other outputs than there are actuators.
+    pub(super) fn new(network: &'a Network, config: &EnvConfig) -> Result<Self, ConfigError> {
+        let setup = Setup::new(&Arc::new(config.clone()))?;
+        let (entries, actuators) = (setup.observation_size, config.task.actuators.len());
+        if network.inputs() != entries {
+            let requirement =
+                format!("must have {entries} inputs, one for each entry of the observation");
+            return Err(ConfigError::value("policy", requirement, network.inputs()));
+        }
+        if network.outputs() != actuators {
+            let requirement = format!("must have {actuators} outputs, one for each actuator");
+            return Err(ConfigError::value("policy", requirement, network.outputs()));
+        }
+        Ok(Self {
+            network,
+            template: Env::with_setup(Arc::clone(&setup))?,
+            drives_slew: config.task.actuators.contains(&Actuator::SlewMotor),
+            setup,
+        })
+    }
+
+    /// Refuses a scenario that the task's environments could not have.
+    pub(super) fn check(&self, scenario: &Scenario) -> Result<(), ConfigError> {
+        let of_task = &self.setup.config.scenario;
+        let mut pairs = vec![
+            (
+                "sample_period",
+                scenario.sample_period,
+                of_task.sample_period,
+            ),
+            ("horizon", scenario.horizon, of_task.horizon),
+        ];
+        if self.drives_slew {
+            let limits = (&scenario.slew_motor, &of_task.slew_motor);
+            let limits = (limits.0.torque_limit, limits.1.torque_limit);
+            pairs.push(("slew_motor.torque_limit", limits.0, limits.1));
+        }
+        for (name, value, expected) in pairs {
+            if value != expected {
+                let requirement = format!("must be {expected}, as in the policy's task");
+                return Err(ConfigError::value(name, requirement, value));
+            }
+        }
+        Ok(())
+    }
+
+    /// What is told of the payload of a scenario: mass (kg), length and width (m).
+    fn told(&self, queue: &Queue<'_>, index: usize) -> [f64; 3] {
+        // a payload that cannot be has been refused with its scenario
+        told_payload(&queue.scenarios[index], &self.setup.config.task).unwrap_or([f64::NAN; 3])
+    }
+
+    /// Flies episodes side by side until there are no more: a lane that has ended takes the next one.
+    pub(super) fn fly<T: Vector>(&self, queue: &Queue<'_>) {
+        let Some((index, first)) = queue.take() else {
+            return;
+        };
+        let mut team = Team::<T>::new(self, queue, index, &first);
+        let mut more = true;
+        loop {
+            for lane in 0..T::WIDTH {
+                while more && team.lanes[lane].is_none() {
+                    match queue.take() {
+                        None => more = false,
+                        Some((index, next)) if team.cohort.flight.accepts(&next) => {
+                            team.begin(lane, index, &next);
+                        }
+                        Some((index, next)) => {
+                            // its equations or samples are not those of the others
+                            let mut alone = Team::<f64>::new(self, queue, index, &next);
+                            while !queue.stopped() && alone.step() {}
+                        }
+                    }
+                }
+            }
+            if queue.stopped() || !team.step() {
+                return;
+            }
+        }
+    }
+}
+
+/// Episodes in flight, one a lane.
+struct Team<'a, 'b, T: Vector> {
+    autonomy: &'a Autonomy<'a>,
+    queue: &'a Queue<'b>,
+    cohort: Cohort<T>,
+    /// Places in the list.
+    lanes: Vec<Option<usize>>,
+    recorder: Option<Recorder<'b>>,
+    /// Observation, as many entries as the network has inputs.
+    inputs: Vec<T>,
+    outputs: Vec<T>,
+    scratch: Scratch<T>,
+    /// A row a lane.
+    actions: Vec<f32>,
+}
+
+impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
+    /// An episode at its beginning in the first lane; the others are empty.
+    fn new(
+        autonomy: &'a Autonomy<'a>,
+        queue: &'a Queue<'b>,
+        index: usize,
+        flight: &Flight<f64>,
+    ) -> Self {
+        let mut single = autonomy.template.clone();
+        // in the template's place, for its equations may be others
+        single.flight.clone_from(flight);
+        let payload = autonomy.told(queue, index);
+        single.start(0, flight, payload, queue.seeds[index], 0);
+        let network = autonomy.network;
+        let mut lanes = vec![None; T::WIDTH];
+        lanes[0] = Some(index);
+        Self {
+            autonomy,
+            queue,
+            cohort: Cohort::spread(&single),
+            lanes,
+            recorder: queue.recorder(T::WIDTH),
+            inputs: vec![T::splat(0.0); network.inputs()],
+            outputs: vec![T::splat(0.0); network.outputs()],
+            scratch: Scratch::new(),
+            actions: vec![0.0; T::WIDTH * network.outputs()],
+        }
+    }
+
+    fn begin(&mut self, lane: usize, index: usize, flight: &Flight<f64>) {
+        let payload = self.autonomy.told(self.queue, index);
+        let seed = self.queue.seeds[index];
+        self.cohort.start(lane, flight, payload, seed, 0);
+        self.lanes[lane] = Some(index);
+    }
+
+    /// One control period of every episode, and the end of those that end with it; whether there are
+    /// any.
+    fn step(&mut self) -> bool {
+        let taken = (0..T::WIDTH).filter(|lane| self.lanes[*lane].is_some());
+        let mut flying = taken.fold(0_u32, |bits, lane| bits | 1 << lane);
+        if flying == 0 {
+            return false;
+        }
+        let acted = T::enter(Act {
+            network: self.autonomy.network,
+            observations: &self.cohort.observations,
+            inputs: &mut self.inputs,
+            scratch: &mut self.scratch,
+            outputs: &mut self.outputs,
+        });
+        if let Err(error) = acted {
+            // sizes have been compared before: no lane can fly
+            for index in self.lanes.iter_mut().filter_map(Option::take) {
+                self.queue.send(index, Err(error.clone().into()));
+            }
+            return false;
+        }
+        flying &= !self.refuse_actions();
+        if let Some(recorder) = &mut self.recorder {
+            recorder.look_again();
+        }
+        let witness = self.recorder.as_mut();
+        let witness = witness.map(|recorder| recorder as &mut dyn Witness<T>);
+        let outcomes = self.cohort.step_watched(&self.actions, flying, witness);
+        let ended = (outcomes.terminated | outcomes.truncated) & flying & everyone::<T>();
+        for lane in lanes_of(ended) {
+            let Some(index) = self.lanes[lane].take() else {
+                continue;
+            };
+            let (flight, driven) = (&self.cohort.flight, self.autonomy.drives_slew);
+            let rows = self
+                .recorder
+                .as_mut()
+                .map_or_else(Vec::new, |recorder| recorder.end(flight, lane, driven));
+            let metrics = self.cohort.one(lane).metrics();
+            self.queue.send(index, Ok(Ended { metrics, rows }));
+        }
+        true
+    }
+
+    /// Writes the actions row by row; episodes in which one is not finite end with an error, and their
+    /// lanes are returned, a bit each.
+    fn refuse_actions(&mut self) -> u32 {
+        let count = self.outputs.len();
+        let mut refused = 0;
+        for (lane, row) in self.actions.chunks_exact_mut(count).enumerate() {
+            for (entry, output) in row.iter_mut().zip(&self.outputs) {
+                *entry = output.lane(lane) as f32;
+            }
+            let Some(scenario) = self.lanes[lane] else {
+                continue;
+            };
+            if let Some(entry) = row.iter().position(|value| !value.is_finite()) {
+                let error = SimulationError::PolicyNotFinite {
+                    entry,
+                    scenario,
+                    time: self.cohort.flight.clock().time.lane(lane),
+                    value: f64::from(row[entry]),
+                };
+                self.lanes[lane] = None;
+                self.queue.send(scenario, Err(error.into()));
+                refused |= 1 << lane;
+            }
+        }
+        refused
+    }
+}
+
+/// Actions of the observations of every lane.
+struct Act<'a, T> {
+    network: &'a Network,
+    /// A row a lane.
+    observations: &'a [f32],
+    inputs: &'a mut [T],
+    scratch: &'a mut Scratch<T>,
+    outputs: &'a mut [T],
+}
+
+impl<T: Vector> Work for Act<'_, T> {
+    type Output = Result<(), SimulationError>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let size = self.inputs.len();
+        for i in 0..size {
+            let mut value = T::splat(0.0);
+            for lane in 0..T::WIDTH {
+                value.set_lane(lane, f64::from(self.observations[lane * size + i]));
+            }
+            self.inputs[i] = value;
+        }
+        self.network.act(self.inputs, self.scratch, self.outputs)
+    }
+}

@@ -1,0 +1,71 @@
+//! What the threads of a rollout share: the manoeuvres that wait, and where results go.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::SyncSender;
+
+use crate::error::Error;
+use crate::flight::{Flight, Plan};
+use crate::metrics::Metrics;
+use crate::rng::Seed;
+use crate::scenario::Scenario;
+
+use super::noise;
+use super::record::{Recorder, Recording};
+
+/// What is known of a manoeuvre that has ended.
+pub(super) struct Ended {
+    pub(super) metrics: Metrics,
+    /// Rows of the signals that are kept, one after the other.
+    pub(super) rows: Vec<f64>,
+}
+
+/// Place of a manoeuvre in the list, and its end or why it has none.
+pub(super) type Report = (usize, Result<Ended, Error>);
+
+pub(super) struct Queue<'a> {
+    pub(super) scenarios: &'a [Scenario],
+    pub(super) seeds: &'a [Seed],
+    pub(super) recording: Option<&'a Recording>,
+    pub(super) next: &'a AtomicUsize,
+    pub(super) stop: &'a AtomicBool,
+    pub(super) done: SyncSender<Report>,
+}
+
+impl<'a> Queue<'a> {
+    /// The next manoeuvre to fly, at its beginning.
+    pub(super) fn take(&self) -> Option<(usize, Flight<f64>)> {
+        loop {
+            if self.stopped() {
+                return None;
+            }
+            let index = self.next.fetch_add(1, Ordering::Relaxed);
+            let scenario = self.scenarios.get(index)?;
+            let flight = Plan::of_valid(scenario)
+                .and_then(|plan| Flight::new(plan, noise(self.seeds[index])));
+            match flight {
+                Ok(flight) => return Some((index, flight)),
+                Err(error) => {
+                    let error = error.within(&format!("scenarios[{index}]"));
+                    self.send(index, Err(error.into()));
+                }
+            }
+        }
+    }
+
+    /// Whether the rest is not to be flown.
+    pub(super) fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Hands in a result.
+    pub(super) fn send(&self, index: usize, result: Result<Ended, Error>) {
+        // the receiver waits until every sender is gone
+        let _ = self.done.send((index, result));
+    }
+
+    /// A recorder for so many lanes, if signals are kept.
+    pub(super) fn recorder(&self, lanes: usize) -> Option<Recorder<'a>> {
+        let recording = self.recording?;
+        Some(Recorder::new(recording, lanes))
+    }
+}

@@ -1,0 +1,165 @@
+//! The signals of a manoeuvre, and one manoeuvre with all of them.
+
+use crate::control::Law;
+use crate::error::{ConfigError, Error, SimulationError};
+use crate::flight::{Clock, Flight, Plan};
+use crate::lane::{Laned, Number};
+use crate::metrics::Metrics;
+use crate::rng::Seed;
+use crate::scenario::Scenario;
+
+use super::noise;
+
+/// Names of the signals of a [`Trajectory`], in order.
+pub const SIGNAL_NAMES: [&str; 20] = [
+    "time",
+    "slew_angle",
+    "slew_rate",
+    "reference_angle",
+    "reference_rate",
+    "reference_accel",
+    "alpha",
+    "beta",
+    "alpha_rate",
+    "beta_rate",
+    "tip_deflection",
+    "link2_tip_deflection",
+    "extension",
+    "extension_rate",
+    "slew_torque",
+    "root_torque",
+    "tip_torque",
+    "root_momentum",
+    "tip_momentum",
+    "motor_power",
+];
+
+/// Places of some signals in [`SIGNAL_NAMES`].
+const REFERENCE_RATE: usize = 4;
+const REFERENCE_ACCEL: usize = 5;
+const SLEW_TORQUE: usize = 14;
+const MOTOR_POWER: usize = 19;
+
+/// Every signal at one instant, in the order of [`SIGNAL_NAMES`].
+pub(super) type Row = [f64; SIGNAL_NAMES.len()];
+
+/// Signals over the time of one manoeuvre, SI, angles in radians.
+#[derive(Debug, Clone)]
+pub struct Trajectory {
+    /// One list a signal, in the order of [`SIGNAL_NAMES`].
+    pub signals: [Vec<f64>; SIGNAL_NAMES.len()],
+    /// Metrics of the manoeuvre.
+    pub metrics: Metrics,
+}
+
+/// Signals at the present instant, SI, in the order of [`SIGNAL_NAMES`]; `torques` are slew motor,
+/// root and tip wheel, N m.
+pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] {
+    signals_of(flight, 0, torques)
+}
+
+/// [`signals`] of one lane.
+pub(super) fn signals_of<T: Number>(flight: &Flight<T>, lane: usize, torques: [f64; 3]) -> Row {
+    let outputs = flight.outputs().lane_of(lane);
+    let clock = flight.clock().lane_of(lane);
+    let mut row = [
+        clock.time,
+        outputs.slew[0],
+        outputs.slew[1],
+        clock.reference.angle,
+        clock.reference.rate,
+        clock.reference.accel,
+        outputs.alpha[0],
+        outputs.beta[0],
+        outputs.alpha[1],
+        outputs.beta[1],
+        outputs.tip[0],
+        2.0 * outputs.beta[0],
+        clock.extension.length,
+        clock.extension.rate,
+        0.0,
+        0.0,
+        0.0,
+        flight.common.root.momentum.lane(lane),
+        flight.common.tip.momentum.lane(lane),
+        0.0,
+    ];
+    apply_torques(&mut row, flight, lane, torques);
+    row
+}
+
+/// Replaces the torques of a row of one lane (slew motor, root and tip wheel, N m) and the motor's
+/// power.
+pub(super) fn apply_torques<T: Number>(
+    row: &mut Row,
+    flight: &Flight<T>,
+    lane: usize,
+    torques: [f64; 3],
+) {
+    row[SLEW_TORQUE..][..torques.len()].copy_from_slice(&torques);
+    let motor = flight.fixed().current.lane_of(lane);
+    row[MOTOR_POWER] = motor.power(torques[0], row[REFERENCE_RATE], row[REFERENCE_ACCEL]);
+}
+
+/// The last row of a lane: wheel torques are those of the last sample; `driven` says that so is the
+/// slew motor's, which otherwise is the open loop's at this instant.
+pub(super) fn last_row<T: Number>(flight: &Flight<T>, lane: usize, driven: bool) -> Row {
+    let [slew, root, tip] = flight.common.torques.lane_of(lane);
+    let slew = if driven {
+        slew
+    } else {
+        let Clock {
+            reference,
+            extension,
+            ..
+        } = flight.clock().lane_of(lane);
+        let inertia = flight.fixed().inertia.lane_of(lane);
+        inertia.slew_torque(&extension, reference.rate, reference.accel)
+    };
+    signals_of(flight, lane, [slew, root, tip])
+}
+
+/// Flies one manoeuvre under a law and keeps every `every`-th sample, the first and last included.
+/// `seed` feeds the sensors' noise.
+///
+/// # Errors
+/// A scenario or law that cannot be used; a state that is no longer finite.
+pub fn simulate(
+    scenario: &Scenario,
+    law: &Law,
+    every: usize,
+    seed: Seed,
+) -> Result<Trajectory, Error> {
+    if every == 0 {
+        return Err(ConfigError::value("every", "must be at least 1", every).into());
+    }
+    law.validate()?;
+    let mut flight = Flight::new(Plan::new(scenario)?, noise(seed))?;
+    let samples = scenario.samples();
+    let mut kept: [Vec<f64>; SIGNAL_NAMES.len()] =
+        std::array::from_fn(|_| Vec::with_capacity(samples / every + 2));
+    let mut keep = |row: Row| {
+        for (list, value) in kept.iter_mut().zip(row) {
+            list.push(value);
+        }
+    };
+    for sample in 0..samples {
+        let command = flight.law_torques(law);
+        // the torques of a row are those applied from it on
+        let before = (sample % every == 0).then(|| signals(&flight, [0.0; 3]));
+        flight.advance(&command, None);
+        if let Some(mut row) = before {
+            apply_torques(&mut row, &flight, 0, flight.last_torques());
+            keep(row);
+        }
+        if !flight.is_finite() {
+            let time = flight.time();
+            return Err(SimulationError::Diverged { time, index: 0 }.into());
+        }
+    }
+    keep(last_row(&flight, 0, false));
+    Ok(Trajectory {
+        signals: kept,
+        metrics: flight.metrics(false, 0.0),
+    })
+}
