@@ -59,6 +59,8 @@ struct Group {
     crew: Box<dyn Crew>,
     /// Lanes in use: the first ones.
     count: usize,
+    /// An episode is under way.
+    running: u32,
     /// The episode ended in an earlier step and the next one resets.
     waiting: u32,
     /// The last call began an episode.
@@ -128,6 +130,7 @@ impl Batch {
                 Group {
                     crew,
                     count: used,
+                    running: 0,
                     waiting: 0,
                     began: 0,
                     ended: Vec::new(),
@@ -234,6 +237,7 @@ impl Batch {
         for (group, lane, draft) in drafts {
             let group = &mut self.groups[group];
             group.crew.begin(lane, &draft)?;
+            group.running |= 1 << lane;
             group.waiting &= !(1 << lane);
             group.began |= 1 << lane;
         }
@@ -280,10 +284,8 @@ impl Batch {
         check_length("truncated", count, out.truncated.len())?;
         check_length("terms", count * 3, out.terms.len())?;
         for group in &self.groups {
-            for lane in 0..group.count {
-                if group.waiting >> lane & 1 == 0 {
-                    check_phase(group.crew.phase(lane))?;
-                }
+            for lane in lanes_of(group.everyone() & !(group.running | group.waiting)) {
+                check_phase(group.crew.phase(lane))?;
             }
         }
         let autoreset = self.autoreset;
@@ -493,10 +495,19 @@ fn front<'a, V>(slice: &mut &'a mut [V], count: usize) -> &'a mut [V] {
 }
 
 impl Group {
+    /// A bit for each lane in use.
+    fn everyone(&self) -> u32 {
+        (1_u32 << self.count).wrapping_sub(1)
+    }
+
     /// A lane's environment has been replaced: the next step resets what has ended, if steps do.
     fn restore(&mut self, lane: usize, env: &Env, autoreset: Autoreset) {
         let bit = 1 << lane;
         self.crew.put(lane, env);
+        self.running &= !bit;
+        if env.is_running() {
+            self.running |= bit;
+        }
         self.waiting &= !bit;
         if autoreset == Autoreset::NextStep && env.has_reset() && !env.is_running() {
             self.waiting |= bit;
@@ -513,9 +524,8 @@ impl Group {
     ) -> Result<(), ConfigError> {
         self.ended.clear();
         self.began = 0;
-        let everyone = (1_u32 << self.count).wrapping_sub(1);
-        let begin = self.waiting & everyone;
-        let flying = everyone & !begin;
+        let begin = self.waiting & self.everyone();
+        let flying = self.everyone() & !begin;
         self.crew.step(actions, flying, &mut rows);
         let none = Overrides::new();
         for lane in lanes_of(begin) {
@@ -524,10 +534,12 @@ impl Group {
             self.crew.write(lane, 0.0, &mut rows);
         }
         self.waiting = 0;
+        self.running |= begin;
         self.began = begin;
         let ended = (0..self.count)
             .filter(|lane| rows.terminated[*lane] || rows.truncated[*lane])
             .fold(0_u32, |bits, lane| bits | 1 << lane);
+        self.running &= !ended;
         for lane in lanes_of(ended) {
             self.ended.push((lane, Box::new(self.crew.end(lane))));
             match autoreset {
@@ -537,6 +549,7 @@ impl Group {
                     let draft = self.crew.draw(lane, None, &none)?;
                     self.crew.begin(lane, &draft)?;
                     self.crew.write_observation(lane, &mut rows);
+                    self.running |= 1 << lane;
                     self.began |= 1 << lane;
                 }
             }

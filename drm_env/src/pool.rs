@@ -70,7 +70,7 @@ impl Desk {
         loop {
             let begin = Instant::now();
             while self.announced.load(Ordering::Acquire) == seen && begin.elapsed() < LOOKOUT {
-                for _ in 0..32 {
+                for _ in 0..4 {
                     std::hint::spin_loop();
                 }
             }
@@ -235,7 +235,7 @@ impl Drop for Finish<'_> {
             }
             drop(state);
             // each is at its last part
-            for _ in 0..16 {
+            for _ in 0..4 {
                 std::hint::spin_loop();
             }
         }
