@@ -12,7 +12,6 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from drm_env import _engine
@@ -36,6 +35,7 @@ from drm_env._common import (
     REWARD_KEYS,
     ClosedEngine,
     action_box,
+    batch_box,
     convert_action,
     json_spec,
     observation_box,
@@ -142,8 +142,8 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         low, high = bounds(self.observation_layout)
         self.single_observation_space = observation_box(low, high)
         self.single_action_space = action_box(self._engine.action_size)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_box(self.single_observation_space, num_envs)
+        self.action_space = batch_box(self.single_action_space, num_envs)
         self._action_shape = (num_envs, self._engine.action_size)
         self._horizon_steps = self._engine.horizon_steps
         self._spec: EnvSpec | None = None
