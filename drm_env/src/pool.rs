@@ -6,7 +6,7 @@
 //! needs stays in its cache, and helps the others when it is done. After a call helpers look out for the
 //! next one for a short while before they sleep.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -181,16 +181,25 @@ impl Pool {
             }
         };
         let bound = |thread: usize| thread * parts.len() / threads;
+        // the part after the one that each thread is at
+        let next: Vec<AtomicUsize> = (0..threads)
+            .map(|thread| AtomicUsize::new(bound(thread)))
+            .collect();
         let run = |thread: usize| {
-            parts[bound(thread)..bound(thread + 1)]
-                .iter()
-                .for_each(claim);
-            // what the others have left, from their ends
+            for i in bound(thread)..bound(thread + 1) {
+                next[thread].store(i + 1, Ordering::Relaxed);
+                claim(&parts[i]);
+            }
+            // what the others have left, from their ends; the next part of one that is at work is not
+            // worth the way to another cache
             for other in (0..threads).filter(|other| *other != thread) {
-                parts[bound(other)..bound(other + 1)]
-                    .iter()
-                    .rev()
-                    .for_each(claim);
+                for i in (bound(other)..bound(other + 1)).rev() {
+                    let after = next[other].load(Ordering::Relaxed);
+                    if after > bound(other) && i <= after {
+                        break;
+                    }
+                    claim(&parts[i]);
+                }
             }
         };
         let desk = self.desk(threads - 1);
@@ -245,7 +254,6 @@ impl Drop for Finish<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::AtomicUsize;
 
     #[test]
     fn every_part_is_done_once_whatever_the_threads() {
