@@ -58,7 +58,7 @@ def _size(bench: Bench, num_envs: int, config: str) -> Measured:
 
     # A step costs less once the arm is deployed: both make the same ones of the same episodes.
     steps = min(_EPISODE - 1, max(20, _ENGINE_STEPS // num_envs))
-    actions = np.full(ours.action_space.shape, ACTION, dtype=np.float32)
+    actions = np.full(ours.action_space.shape or (), ACTION, dtype=np.float32)
 
     def through_gymnasium() -> float:
         ours.reset(seed=0)
