@@ -51,6 +51,7 @@ def batch_box(single: gym.spaces.Box[np.float32], num_envs: int) -> gym.spaces.B
 
     Gymnasium copies the bounds for each sub-environment, a good part of what a resting one takes.
     """
+    # a box makes a box, which its annotation does not say
     batch: gym.spaces.Box[np.float32] = batch_space(single, num_envs)  # type: ignore[assignment]
     for name in ("low", "high", "bounded_below", "bounded_above"):
         setattr(batch, name, np.broadcast_to(getattr(single, name), batch.shape))
