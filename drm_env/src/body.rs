@@ -221,6 +221,40 @@ impl Body<f64> {
         }
     }
 
+    /// Number of coordinates.
+    pub fn coordinates(&self) -> usize {
+        match self {
+            Self::Thesis(_) => 3,
+            Self::Consistent(body) => body.plants[0].size(),
+        }
+    }
+
+    /// Coordinates and rates of a motion; the first coordinate is the slew angle.
+    pub fn state_of(&self, motion: &Motion<f64>) -> (Vec<f64>, Vec<f64>) {
+        match motion {
+            Motion::Thesis(motion) => (motion[..3].to_vec(), motion[3..].to_vec()),
+            Motion::Consistent(seen) => {
+                let size = self.coordinates();
+                (seen.state.q[..size].to_vec(), seen.state.v[..size].to_vec())
+            }
+        }
+    }
+
+    /// The motion with these coordinates and rates, as many as [`Body::coordinates`] says.
+    pub fn motion_of(&self, q: &[f64], v: &[f64], extension: &Extension<f64>) -> Motion<f64> {
+        match self {
+            Self::Thesis(_) => Motion::Thesis([q[0], q[1], q[2], v[0], v[1], v[2]]),
+            Self::Consistent(body) => {
+                let (mut all_q, mut all_v) = ([0.0; CAPACITY], [0.0; CAPACITY]);
+                all_q[..q.len()].copy_from_slice(q);
+                all_v[..v.len()].copy_from_slice(v);
+                let state = ConsistentState::new(all_q, all_v);
+                let outputs = body.outputs(&state, extension);
+                Motion::Consistent(Box::new(Seen { state, outputs }))
+            }
+        }
+    }
+
     /// Whether a state is one of this body's.
     pub fn owns(&self, motion: &Motion<f64>) -> bool {
         matches!(

@@ -337,6 +337,22 @@ impl<T: Number> Flight<T> {
         self.still = self.manoeuvres.iter().all(Manoeuvre::is_still);
     }
 
+    /// Puts every lane where a flight of the same manoeuvre is.
+    pub(crate) fn begin_at(&mut self, single: &Flight<f64>) {
+        self.clock = Clock::spread(&single.clock);
+        self.common = Common::spread(&single.common);
+        self.motion = Motion::spread(&single.motion);
+        for manoeuvre in &mut self.manoeuvres {
+            manoeuvre.piece = single.manoeuvres[0].piece;
+        }
+        self.look_at_pieces();
+    }
+
+    /// Replaces the motion of one lane.
+    pub(crate) fn deviate(&mut self, lane: usize, motion: &Motion<f64>) {
+        self.motion.put(lane, motion);
+    }
+
     /// Lanes that do not fly until told otherwise, a bit each.
     pub(crate) fn rest(&mut self, lanes: u32) {
         self.resting = lanes & everyone::<T>();
@@ -1003,9 +1019,26 @@ impl Flight<f64> {
         Ok(())
     }
 
-    /// Samples flown.
-    pub fn sample_count(&self) -> u64 {
-        self.common.sample as u64
+    /// Puts a flight without lines at the beginning of a sample, with this deviation from the
+    /// reference.
+    pub(crate) fn place(&mut self, sample: f64, deviation: &[f64]) {
+        let time = sample * self.shared.sample_period;
+        let piece = self.timeline().index(time);
+        self.clock = Clock::new(self.timeline(), piece, time);
+        self.manoeuvres[0].piece = piece as u32;
+        self.look_at_pieces();
+        self.common.sample = sample;
+        self.motion = self.motion_at(deviation);
+    }
+
+    /// Equations of motion.
+    pub(crate) fn body(&self) -> &Body<f64> {
+        &self.body
+    }
+
+    /// State of the equations of motion.
+    pub(crate) fn motion(&self) -> &Motion<f64> {
+        &self.motion
     }
 
     /// Time, s.

@@ -17,7 +17,8 @@
 //! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`implicit`], [`lane`],
 //! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
 //! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
-//! [`body`], [`flight`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them.
+//! [`body`], [`flight`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them;
+//! [`transition`]: the linear model of a whole manoeuvre.
 //! [`render`], [`scene`]: pictures.
 
 pub mod actuator;
@@ -61,6 +62,7 @@ pub mod scene;
 pub mod shape;
 pub mod task;
 pub mod timeline;
+pub mod transition;
 mod vector;
 mod witness;
 

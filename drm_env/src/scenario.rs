@@ -204,8 +204,13 @@ impl Scenario {
             }
             None => truth.mass * (1.0 + self.mass_error),
         };
-        let length = self.reported_payload.length.unwrap_or(truth.length);
-        let width = self.reported_payload.width.unwrap_or(truth.width);
+        // Dimensions that follow from the mass are reported as those of the reported mass: the true
+        // ones would tell the true mass.
+        let told = crate::arm::table_2_7_dimensions(mass);
+        let length = self.reported_payload.length;
+        let length = length.unwrap_or(self.payload.length.unwrap_or(told.0));
+        let width = self.reported_payload.width;
+        let width = width.unwrap_or(self.payload.width.unwrap_or(told.1));
         non_negative("reported_payload.length", length)?;
         non_negative("reported_payload.width", width)?;
         Ok(PayloadProperties::new(

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from drm_env.network import Network
     from drm_env.observation import ObservationEntry, observation_layout
     from drm_env.simulation import Rollout, Trajectory, rollout, sample_scenarios, simulate
+    from drm_env.transition import Transitions, transitions
     from drm_env.vector import DrmVectorEnv
 
 __all__ = [
@@ -70,6 +71,7 @@ __all__ = [
     "SnapshotError",
     "Task",
     "Trajectory",
+    "Transitions",
     "Uniform",
     "__version__",
     "default_config",
@@ -78,6 +80,7 @@ __all__ = [
     "rollout",
     "sample_scenarios",
     "simulate",
+    "transitions",
 ]
 
 _HOMES = {
@@ -101,6 +104,7 @@ _HOMES = {
     "network": ["Network"],
     "observation": ["ObservationEntry", "observation_layout"],
     "simulation": ["Rollout", "Trajectory", "rollout", "sample_scenarios", "simulate"],
+    "transition": ["Transitions", "transitions"],
     "vector": ["DrmVectorEnv"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
 from drm_env._common import seed_bytes
@@ -200,32 +200,58 @@ class Rollout(dict[str, NDArray[np.float64]]):
         return f"Rollout({count} manoeuvres: {', '.join(self)}{signals})"
 
 
+def _schedule(torques: Any, hold: Any, scenarios: int) -> tuple[NDArray[np.float64], int]:
+    """Torques as the engine takes them.
+
+    Raises
+    ------
+    ConfigError
+        another shape, or a hold that is no positive integer.
+    """
+    if isinstance(hold, bool) or not isinstance(hold, int) or hold < 1:
+        raise ConfigError(f"hold must be a positive integer, got {hold!r}")
+    array = np.ascontiguousarray(torques, dtype=np.float64)
+    if array.ndim != 3 or array.shape[0] != scenarios or array.shape[2] != 2:
+        raise ConfigError(f"torques must have shape ({scenarios}, rows, 2), got {array.shape}")
+    return array, hold
+
+
 def _pilot(
     law: LawLike | None,
     policy: Network | None,
+    schedule: tuple[NDArray[np.float64], int] | None,
     task: str | None,
     config: ConfigLike,
     options: Mapping[str, Any],
-) -> tuple[str | None, tuple[_engine.Network, str] | None]:
+) -> tuple[
+    str | None,
+    tuple[_engine.Network, str] | None,
+    tuple[NDArray[np.float64], int] | None,
+]:
     """What the engine is told of who flies.
 
     Raises
     ------
     ConfigError
-        a law and a policy, a policy that is none, or a task for a law.
+        more than one of law, policy and torques, a policy that is none, or a task for anything else.
     """
+    if schedule is not None and (law is not None or policy is not None):
+        raise ConfigError("give one of law, policy and torques")
     if policy is None:
         given = {name for name, value in (("task", task), ("config", config)) if value is not None}
         if extra := sorted(given | set(options)):
             raise ConfigError(
                 f"{extra[0]} belongs to the task of a policy: it cannot be given without policy"
             )
-        return law_json(law), None
+        if schedule is not None:
+            return None, None, schedule
+        return law_json(law), None, None
     if law is not None:
         raise ConfigError(f"give either law or policy, got the law {law!r} and a policy")
     if not isinstance(policy, Network):
         raise ConfigError(f"policy must be a drm_env.Network, got {type(policy).__name__}")
-    return None, (policy._engine, resolve("slew" if task is None else task, config, options))
+    resolved = resolve("slew" if task is None else task, config, options)
+    return None, (policy._engine, resolved), None
 
 
 def rollout(
@@ -233,6 +259,8 @@ def rollout(
     law: LawLike | None = None,
     *,
     policy: Network | None = None,
+    torques: ArrayLike | None = None,
+    hold: int = 1,
     task: str | None = None,
     config: ConfigLike = None,
     seed: int = 0,
@@ -242,7 +270,7 @@ def rollout(
     decimation: int = 1,
     **options: Any,
 ) -> Rollout:
-    """Flies many manoeuvres in parallel, under a law or by a network, without Python in the loop.
+    """Flies many manoeuvres in parallel under a law, by a network or under given torques.
 
     Parameters
     ----------
@@ -254,6 +282,11 @@ def rollout(
         a network that acts in an environment, instead of a law. Its episodes are those of `DrmEnv`
         with each scenario in the place of the drawn one: they end at the horizon, by divergence or
         at a limit of the structure, and pay rewards.
+    torques
+        of root and tip wheel in N m, shape (len(scenarios), rows, 2), instead of a law: each row is
+        commanded for ``hold`` samples, zero after the last. Wheels limit, lag and delay them.
+    hold
+        samples that a row of ``torques`` is held for.
     task, config, **options
         as for `DrmEnv`, with a policy only: what it sees, does and is paid for. Sample period,
         horizon and (if the policy drives the slew motor) the motor's torque limit of each scenario
@@ -297,7 +330,8 @@ def rollout(
         if isinstance(signals, (str, bytes)) or not all(isinstance(item, str) for item in signals):
             raise ConfigError(f"signals must be a sequence of names, got {signals!r}")
         signals = list(signals)
-    pilot = _pilot(law, policy, task, config, options)
+    schedule = None if torques is None else _schedule(torques, hold, len(scenarios))
+    pilot = _pilot(law, policy, schedule, task, config, options)
     texts = [scenario_json(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
     seeds = _seeds(seed, len(texts))
     rows, kept = _engine.rollout(texts, pilot, seeds, num_threads, progress, signals, decimation)

@@ -11,6 +11,7 @@ use drm_env::plant::{Extension, Torques};
 use drm_env::rng::Seed;
 use drm_env::rollout::SIGNAL_NAMES;
 use drm_env::scenario::Scenario;
+use drm_env::transition::Transitions;
 use drm_env::{env, rollout as flights};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -332,6 +333,32 @@ pub(crate) fn simulate<'py>(
             .collect(),
         metrics.collect(),
     ))
+}
+
+/// The discrete linear model of a manoeuvre every `hold` samples: size of the state, number of
+/// intervals, and flat arrays in the order of the engine's `Transitions`.
+#[pyfunction]
+#[allow(clippy::type_complexity)]
+pub(crate) fn transitions<'py>(
+    py: Python<'py>,
+    scenario: &str,
+    hold: usize,
+) -> Outcome<(usize, usize, Vec<Out1<'py, f64>>)> {
+    let found = detached(py, || {
+        let scenario = scenario_from_json(scenario)?;
+        Ok(Transitions::of(&scenario, hold)?)
+    })?;
+    let arrays = [
+        &found.start,
+        &found.transition,
+        &found.input,
+        &found.offset,
+        &found.error_state,
+        &found.error_input,
+        &found.error_offset,
+    ];
+    let arrays = arrays.map(|values| Out1::vector(py, values));
+    Ok((found.size, found.intervals, arrays.into()))
 }
 
 /// The manoeuvres that environments fly in the first episode of each seed, as a JSON list.

@@ -68,6 +68,7 @@ fn checked<'a, 'py, T: Scalar, D: Dimension>(
 pub(crate) struct In<'py, T: Scalar, D: Dimension>(PyReadonlyArray<'py, T, D>);
 pub(crate) type In1<'py, T> = In<'py, T, Ix1>;
 pub(crate) type In2<'py, T> = In<'py, T, Ix2>;
+pub(crate) type In3<'py, T> = In<'py, T, Ix3>;
 
 impl<T: Scalar, D: Dimension> In<'_, T, D> {
     pub(crate) fn slice(&self) -> &[T] {

@@ -20,7 +20,7 @@ mod _engine {
 
     #[pymodule_export]
     use super::analysis::{
-        Law, Model, measurement_names, sample_scenarios, signal_names, simulate,
+        Law, Model, measurement_names, sample_scenarios, signal_names, simulate, transitions,
     };
     #[pymodule_export]
     use super::batch::Batch;

@@ -5,11 +5,11 @@ use drm_env::control::Law;
 use drm_env::error::{ConfigError, Error};
 use drm_env::network::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::rng::Seed;
-use drm_env::rollout::{self as flights, Controller, Options, Recording};
+use drm_env::rollout::{self as flights, Controller, Options, Recording, Schedule};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::arrays::{In1, In2, Out2};
+use crate::arrays::{In1, In2, In3, Out2};
 use crate::error::{Failure, Outcome, check_shape, detached, guarded};
 
 /// A multilayer perceptron; see the class of the same name in the Python package.
@@ -93,11 +93,12 @@ impl Network {
 /// Who flies a rollout.
 enum Pilot<'a> {
     Law(Law),
+    Schedule(Schedule<'a>),
     Network(&'a Engine, Box<EnvConfig>),
 }
 
-/// Flies many manoeuvres under a law (as JSON text), or by a network in the task of a configuration
-/// (as JSON text): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre,
+/// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration
+/// (as JSON text), or under torques (N m, a row of root and tip wheel each so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre,
 /// every `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the
 /// work and is raised here.
 #[pyfunction]
@@ -106,7 +107,11 @@ enum Pilot<'a> {
 pub(crate) fn rollout<'py>(
     py: Python<'py>,
     scenarios: Vec<String>,
-    pilot: (Option<String>, Option<(Py<Network>, String)>),
+    pilot: (
+        Option<String>,
+        Option<(Py<Network>, String)>,
+        Option<(In3<'py, f64>, usize)>,
+    ),
     seeds: Vec<PyBackedBytes>,
     num_threads: Option<usize>,
     progress: Option<Py<PyAny>>,
@@ -115,14 +120,25 @@ pub(crate) fn rollout<'py>(
 ) -> Outcome<(Out2<'py, f64>, Vec<(&'static str, Out2<'py, f64>)>)> {
     let mut raised: Option<PyErr> = None;
     let count = scenarios.len();
+    if let Some((torques, _)) = &pilot.2 {
+        let rows = torques.shape()[1];
+        check_shape("torques", torques.shape(), &[count, rows, 2])?;
+    }
+    let schedule = pilot.2.as_ref().map(|(torques, hold)| Schedule {
+        torques: torques.slice().as_chunks::<2>().0,
+        rows: torques.shape()[1],
+        hold: *hold,
+    });
+    let (law, policy) = (&pilot.0, &pilot.1);
     let result = detached(py, || {
-        let pilot = match &pilot {
-            (Some(law), None) => Pilot::Law(law_from_json(law)?),
-            (None, Some((network, config))) => {
+        let pilot = match (law, policy, schedule) {
+            (Some(law), None, None) => Pilot::Law(law_from_json(law)?),
+            (None, Some((network, config)), None) => {
                 Pilot::Network(&network.get().0, Box::new(EnvConfig::from_json(config)?))
             }
+            (None, None, Some(schedule)) => Pilot::Schedule(schedule),
             _ => {
-                let message = "give either a law or a policy";
+                let message = "give a law, a policy or torques";
                 return Err(Error::from(ConfigError::form("pilot", message)));
             }
         };
@@ -149,6 +165,7 @@ pub(crate) fn rollout<'py>(
         };
         let controller = match &pilot {
             Pilot::Law(law) => Controller::Law(law),
+            Pilot::Schedule(schedule) => Controller::Schedule(*schedule),
             Pilot::Network(network, config) => Controller::Network { network, config },
         };
         let options = Options {

@@ -3,6 +3,7 @@
 
 pub mod linear;
 pub mod lyapunov;
+pub mod scheduled;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,6 +14,7 @@ use crate::lane::{Lane, laned};
 
 pub use linear::LinearLaw;
 pub use lyapunov::LyapunovLaw;
+pub use scheduled::ScheduledLaw;
 
 /// No feedback: the open-loop manoeuvre.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -20,6 +22,8 @@ pub use lyapunov::LyapunovLaw;
 pub struct OpenLoop {}
 
 /// A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name.
+// the tables of the scheduled law make it large; there is one in a flight and it is not moved
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "name", rename_all = "snake_case")]
 pub enum Law {
@@ -32,6 +36,10 @@ pub enum Law {
     /// Feedback from a Lyapunov function (thesis section 3.7.2).
     #[schemars(title = "LyapunovLaw")]
     Lyapunov(LyapunovLaw),
+    /// Output feedback with gains scheduled over extension and reported mass. Without gains it is
+    /// the open loop.
+    #[schemars(title = "ScheduledLaw")]
+    Scheduled(ScheduledLaw),
 }
 
 impl Default for Law {
@@ -41,15 +49,16 @@ impl Default for Law {
 }
 
 /// Names of the laws, as in [`Law`]'s data form.
-pub const LAW_NAMES: [&str; 3] = ["none", "linear", "lyapunov"];
+pub const LAW_NAMES: [&str; 4] = ["none", "linear", "lyapunov", "scheduled"];
 
 impl Law {
-    /// The law of this name with the thesis' gains.
+    /// The law of this name with the thesis' gains; the scheduled law has none of its own.
     pub fn named(name: &str) -> Result<Self, ConfigError> {
         match name {
             "none" => Ok(Self::default()),
             "linear" => Ok(Self::Linear(LinearLaw::default())),
             "lyapunov" => Ok(Self::Lyapunov(LyapunovLaw::default())),
+            "scheduled" => Ok(Self::Scheduled(ScheduledLaw::default())),
             other => Err(ConfigError::value(
                 "name",
                 format!("must be one of {}", LAW_NAMES.join(", ")),
@@ -64,6 +73,7 @@ impl Law {
             Self::None(_) => "none",
             Self::Linear(_) => "linear",
             Self::Lyapunov(_) => "lyapunov",
+            Self::Scheduled(_) => "scheduled",
         }
     }
 
@@ -73,6 +83,7 @@ impl Law {
             Self::None(_) => Ok(()),
             Self::Linear(law) => law.validate(),
             Self::Lyapunov(law) => law.validate(),
+            Self::Scheduled(law) => law.validate(),
         }
     }
 
@@ -92,6 +103,7 @@ impl Law {
             },
             Self::Linear(law) => law.torques(measured),
             Self::Lyapunov(law) => law.torques(measured, known, memory, period),
+            Self::Scheduled(law) => law.torques(measured, known),
         }
     }
 }

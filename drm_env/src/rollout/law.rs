@@ -1,4 +1,4 @@
-//! Manoeuvres under a law, side by side.
+//! Manoeuvres under a law or under given torques, side by side.
 
 use crate::control::{Law, WheelTorques};
 use crate::flight::{Flight, Fly, Pilot, everyone, lanes_of};
@@ -12,15 +12,64 @@ use super::record::Recorder;
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
 
+/// Where the torques of a sample come from.
+pub(super) trait Source: Copy {
+    /// Wheel torques, N m, before saturation; `lanes` says which manoeuvre is in which lane.
+    fn torques<T: Number>(self, flight: &mut Flight<T>, lanes: &[Option<Place>])
+    -> WheelTorques<T>;
+}
+
+impl Source for &Law {
+    #[inline(always)]
+    fn torques<T: Number>(self, flight: &mut Flight<T>, _: &[Option<Place>]) -> WheelTorques<T> {
+        flight.law_torques(self)
+    }
+}
+
+/// Torques that are given beforehand, each held for a number of samples; none follow the last.
+#[derive(Debug, Clone, Copy)]
+pub struct Schedule<'a> {
+    /// Root and tip wheel, N m, before saturation: a block a manoeuvre, in it a row a hold.
+    pub torques: &'a [[f64; 2]],
+    /// Rows of a manoeuvre.
+    pub rows: usize,
+    /// Samples that a row is held for.
+    pub hold: usize,
+}
+
+impl Source for Schedule<'_> {
+    #[inline(always)]
+    fn torques<T: Number>(
+        self,
+        flight: &mut Flight<T>,
+        lanes: &[Option<Place>],
+    ) -> WheelTorques<T> {
+        let mut torques = WheelTorques {
+            root: T::splat(0.0),
+            tip: T::splat(0.0),
+        };
+        for (lane, place) in lanes.iter().enumerate() {
+            let Some(place) = place else { continue };
+            let row = flight.common.sample.lane(lane) as usize / self.hold;
+            if row < self.rows {
+                let [root, tip] = self.torques[place.index * self.rows + row];
+                torques.root.set_lane(lane, root);
+                torques.tip.set_lane(lane, tip);
+            }
+        }
+        torques
+    }
+}
+
 /// A manoeuvre in one lane: its place in the list, and the samples that are left of it.
 #[derive(Clone, Copy)]
-struct Place {
+pub(super) struct Place {
     index: usize,
     left: usize,
 }
 
 /// Flies manoeuvres side by side until there are no more: a lane that has ended takes the next one.
-pub(super) fn fly<T: Vector>(queue: &Queue<'_>, law: &Law) {
+pub(super) fn fly<T: Vector>(queue: &Queue<'_>, source: impl Source) {
     let Some((index, first)) = queue.take() else {
         return;
     };
@@ -38,14 +87,14 @@ pub(super) fn fly<T: Vector>(queue: &Queue<'_>, law: &Law) {
                         *taken = Some(place(index, &next));
                         flight.put(lane, &next);
                     }
-                    Some((index, next)) => fly_alone(queue, index, next, law),
+                    Some((index, next)) => fly_alone(queue, index, next, source),
                 }
             }
         }
         if queue.stopped() || lanes.iter().all(Option::is_none) {
             return;
         }
-        leg(queue, law, &mut flight, &mut lanes, recorder.as_mut());
+        leg(queue, source, &mut flight, &mut lanes, recorder.as_mut());
     }
 }
 
@@ -55,18 +104,18 @@ fn place(index: usize, flight: &Flight<f64>) -> Place {
 }
 
 /// Flies one manoeuvre whose equations or samples are not those of the others.
-fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, law: &Law) {
+fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, source: impl Source) {
     let mut lanes = [Some(place(index, &flight))];
     let mut recorder = queue.recorder(1);
     while lanes[0].is_some() && !queue.stopped() {
-        leg(queue, law, &mut flight, &mut lanes, recorder.as_mut());
+        leg(queue, source, &mut flight, &mut lanes, recorder.as_mut());
     }
 }
 
 /// Flies until a lane ends or it is time for a look, and hands in those that have ended.
 fn leg<T: Vector>(
     queue: &Queue<'_>,
-    law: &Law,
+    source: impl Source,
     flight: &mut Flight<T>,
     lanes: &mut [Option<Place>],
     mut recorder: Option<&mut Recorder<'_>>,
@@ -80,7 +129,8 @@ fn leg<T: Vector>(
         recorder.look_again();
     }
     let mut pilot = Autopilot {
-        law,
+        source,
+        lanes,
         flown: 0,
         lost: 0,
     };
@@ -94,12 +144,13 @@ fn leg<T: Vector>(
                 .map(|recorder| recorder as &mut dyn Witness<T>),
         },
     });
+    let (flown, lost_lanes) = (pilot.flown, pilot.lost);
     for lane in lanes_of(taken & everyone::<T>()) {
         let Some(Place { index, left }) = lanes[lane] else {
             continue;
         };
-        let left = left - pilot.flown;
-        let lost = pilot.lost >> lane & 1 == 1;
+        let left = left - flown;
+        let lost = lost_lanes >> lane & 1 == 1;
         lanes[lane] = Some(Place { index, left });
         if left == 0 || lost {
             let rows = recorder
@@ -112,17 +163,18 @@ fn leg<T: Vector>(
     }
 }
 
-/// A law as the pilot, until a lane's state is no longer finite.
-struct Autopilot<'a> {
-    law: &'a Law,
+/// A source of torques as the pilot, until a lane's state is no longer finite.
+struct Autopilot<'a, S> {
+    source: S,
+    lanes: &'a [Option<Place>],
     flown: usize,
     lost: u32,
 }
 
-impl<T: Number> Pilot<T> for Autopilot<'_> {
+impl<T: Number, S: Source> Pilot<T> for Autopilot<'_, S> {
     #[inline(always)]
     fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
-        (flight.law_torques(self.law), None)
+        (self.source.torques(flight, self.lanes), None)
     }
 
     #[inline(always)]

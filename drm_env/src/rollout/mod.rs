@@ -1,4 +1,4 @@
-//! Whole closed-loop manoeuvres flown from end to end, under a law or by a network that acts in an
+//! Whole manoeuvres flown from end to end, under a law, under given torques or by a network that acts in an
 //! environment: one with its trajectory, or many in parallel with their metrics and, if wanted, some of
 //! their signals.
 
@@ -26,6 +26,7 @@ use crate::vector::Vector;
 use network::Autonomy;
 use queue::{Ended, Queue};
 
+pub use law::Schedule;
 pub use record::{MAX_BYTES, Recording, Trajectories};
 pub use trajectory::{SIGNAL_NAMES, Trajectory, signals, simulate};
 
@@ -34,6 +35,8 @@ pub use trajectory::{SIGNAL_NAMES, Trajectory, signals, simulate};
 pub enum Controller<'a> {
     /// A law, at the sample period; nothing is paid and no limit of the structure watched.
     Law(&'a Law),
+    /// Torques that are given beforehand.
+    Schedule(Schedule<'a>),
     /// A network that acts on the observations of an environment: its episodes are those of [`crate::Env`]
     /// with each scenario in the place of the one that the configuration draws.
     Network {
@@ -223,13 +226,15 @@ fn collect(
 /// A controller that has been checked against the scenarios.
 enum Ready<'a> {
     Law(&'a Law),
+    Schedule(Schedule<'a>),
     Network(Box<Autonomy<'a>>),
 }
 
 impl Ready<'_> {
     fn fly<T: Vector>(&self, queue: &Queue<'_>) {
         match self {
-            Self::Law(law) => law::fly::<T>(queue, law),
+            Self::Law(law) => law::fly::<T>(queue, *law),
+            Self::Schedule(schedule) => law::fly::<T>(queue, *schedule),
             Self::Network(autonomy) => autonomy.fly::<T>(queue),
         }
     }
@@ -242,18 +247,42 @@ fn ready<'a>(scenarios: &[Scenario], controller: Controller<'a>) -> Result<Ready
             law.validate()?;
             Ready::Law(law)
         }
+        Controller::Schedule(schedule) => {
+            check_schedule(&schedule, scenarios.len())?;
+            Ready::Schedule(schedule)
+        }
         Controller::Network { network, config } => {
             Ready::Network(Box::new(Autonomy::new(network, config)?))
         }
     };
     for (i, scenario) in scenarios.iter().enumerate() {
         let checked = scenario.validate().and_then(|()| match &ready {
-            Ready::Law(_) => Ok(()),
+            Ready::Law(_) | Ready::Schedule(_) => Ok(()),
             Ready::Network(autonomy) => autonomy.check(scenario),
         });
         checked.map_err(|e| e.within(&format!("scenarios[{i}]")))?;
     }
     Ok(ready)
+}
+
+/// Refuses torques that do not fit so many manoeuvres or are not finite.
+fn check_schedule(schedule: &Schedule<'_>, count: usize) -> Result<(), ConfigError> {
+    let Schedule {
+        torques,
+        rows,
+        hold,
+    } = *schedule;
+    if hold == 0 {
+        return Err(ConfigError::value("hold", "must be at least 1 sample", hold));
+    }
+    if torques.len() != count * rows {
+        let requirement = format!("must have {} rows, {rows} for each scenario", count * rows);
+        return Err(ConfigError::value("torques", requirement, torques.len()));
+    }
+    let wrong = torques.iter().flatten().find(|value| !value.is_finite());
+    wrong.map_or(Ok(()), |value| {
+        Err(ConfigError::value("torques", "must be finite", *value))
+    })
 }
 
 /// The sensors' noise of a manoeuvre: that of an environment's first episode with this seed.

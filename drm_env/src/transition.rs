@@ -1,0 +1,237 @@
+//! The discrete linear model of a whole manoeuvre, measured on the equations that are flown: how a
+//! deviation from the reference and held wheel torques move the arm from one instant to the next, and
+//! the error of its tip in between.
+
+use crate::body::Motion;
+use crate::control::WheelTorques;
+use crate::error::ConfigError;
+use crate::flight::{Flight, Fly, Pilot};
+use crate::lane::{Instructions, Number, Pack};
+use crate::plan::Plan;
+use crate::rng::{Purpose, Seed, Stream};
+use crate::scenario::{Scenario, Sensors};
+use crate::vector::Vector;
+
+/// Deviations that are flown to measure their effect, in the units of the state: all equations but
+/// the axial load are linear, and with these its nonlinear part is below rounding.
+const DEVIATION: f64 = 1e-5;
+
+/// Fraction of a wheel's torque limit that is flown to measure its effect.
+const TORQUE_FRACTION: f64 = 0.01;
+
+/// x(k+1) = A x(k) + B u(k) + c and, for each sample i of the interval that follows k,
+/// z = C x(k) + D u(k) + d, where x is the deviation from the undeflected arm at the reference (the
+/// coordinates, then their rates), u are the torques of root and tip wheel (N m), held through the
+/// interval and not limited, and z is the error of the tip, r e + y (m). Wheels are ideal: no lag,
+/// no dead time, any momentum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transitions {
+    /// Entries of x.
+    pub size: usize,
+    /// Number of intervals.
+    pub intervals: usize,
+    /// Samples in an interval.
+    pub hold: usize,
+    /// x at the beginning.
+    pub start: Vec<f64>,
+    /// A, shape (intervals, size, size).
+    pub transition: Vec<f64>,
+    /// B, shape (intervals, size, 2).
+    pub input: Vec<f64>,
+    /// c, shape (intervals, size).
+    pub offset: Vec<f64>,
+    /// C, shape (intervals, hold, size).
+    pub error_state: Vec<f64>,
+    /// D, shape (intervals, hold, 2).
+    pub error_input: Vec<f64>,
+    /// d, shape (intervals, hold).
+    pub error_offset: Vec<f64>,
+}
+
+impl Transitions {
+    /// Measures the model of a manoeuvre at instants `hold` samples apart.
+    ///
+    /// # Errors
+    /// A scenario that cannot be flown; a hold that does not divide its samples.
+    pub fn of(scenario: &Scenario, hold: usize) -> Result<Self, ConfigError> {
+        let mut ideal = *scenario;
+        for (lag, dead_time, momentum) in [
+            {
+                let wheel = &mut ideal.root_wheel;
+                (&mut wheel.lag, &mut wheel.dead_time, &mut wheel.momentum_limit)
+            },
+            {
+                let wheel = &mut ideal.tip_wheel;
+                (&mut wheel.lag, &mut wheel.dead_time, &mut wheel.momentum_limit)
+            },
+        ] {
+            (*lag, *dead_time, *momentum) = (0.0, 0.0, None);
+        }
+        ideal.sensors = Sensors::default();
+        scenario.validate()?;
+        let samples = ideal.samples();
+        if hold == 0 || samples % hold != 0 {
+            let requirement = format!("must divide the {samples} samples of the manoeuvre");
+            return Err(ConfigError::value("hold", requirement, hold));
+        }
+        let noise = Stream::new(Seed::from_u64(0), 0, Purpose::Sensors);
+        let flight = Flight::new(Plan::new(&ideal)?, noise)?;
+        Ok(match Instructions::detect() {
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx512 => measure::<crate::lane::wide::Wide8>(&flight, samples, hold),
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2 => measure::<crate::lane::wide::Wide4>(&flight, samples, hold),
+            Instructions::Baseline => measure::<Pack<2>>(&flight, samples, hold),
+        })
+    }
+}
+
+/// One thing that is flown beside the undisturbed arm.
+#[derive(Clone, Copy)]
+enum Probe {
+    /// Nothing.
+    Nothing,
+    /// A deviation of one entry of the state.
+    State(usize),
+    /// Torque of one wheel.
+    Wheel(usize),
+}
+
+fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Transitions {
+    let size = 2 * flight.coordinates();
+    let intervals = samples / hold;
+    let limits = flight.fixed();
+    let torque = [limits.root.torque, limits.tip.torque].map(|limit| limit * TORQUE_FRACTION);
+    let mut found = Transitions {
+        size,
+        intervals,
+        hold,
+        start: flight.deviation(),
+        transition: vec![0.0; intervals * size * size],
+        input: vec![0.0; intervals * size * 2],
+        offset: Vec::with_capacity(intervals * size),
+        error_state: vec![0.0; intervals * hold * size],
+        error_input: vec![0.0; intervals * hold * 2],
+        error_offset: Vec::with_capacity(intervals * hold),
+    };
+    let probes: Vec<Probe> = std::iter::once(Probe::Nothing)
+        .chain((0..size).map(Probe::State))
+        .chain((0..2).map(Probe::Wheel))
+        .collect();
+    let mut rest = flight.clone();
+    let mut lanes = Flight::<T>::spread(flight);
+    for k in 0..intervals {
+        rest.place((k * hold) as f64, &vec![0.0; size]);
+        // what nothing but the reference leads to
+        let mut nominal = (Vec::new(), Vec::new());
+        for group in probes.chunks(T::WIDTH) {
+            let mut pilot = Measuring {
+                command: WheelTorques {
+                    root: T::splat(0.0),
+                    tip: T::splat(0.0),
+                },
+                errors: Vec::with_capacity(hold),
+            };
+            lanes.begin_at(&rest);
+            for (lane, probe) in group.iter().enumerate() {
+                match *probe {
+                    Probe::Nothing => {}
+                    Probe::State(entry) => {
+                        let mut x = vec![0.0; size];
+                        x[entry] = DEVIATION;
+                        lanes.deviate(lane, &rest.motion_at(&x));
+                    }
+                    Probe::Wheel(0) => pilot.command.root.set_lane(lane, torque[0]),
+                    Probe::Wheel(_) => pilot.command.tip.set_lane(lane, torque[1]),
+                }
+            }
+            T::enter(Fly {
+                flight: &mut lanes,
+                samples: hold,
+                pilot: &mut pilot,
+            });
+            for (lane, probe) in group.iter().enumerate() {
+                let end = lanes.one(lane).deviation();
+                let errors = pilot.errors.iter().map(|error| error.lane(lane));
+                match *probe {
+                    Probe::Nothing => {
+                        nominal = (end, errors.collect());
+                        found.offset.extend(&nominal.0);
+                        found.error_offset.extend(&nominal.1);
+                    }
+                    Probe::State(entry) => {
+                        let column = |row: usize| (k * size + row) * size + entry;
+                        for (row, value) in end.iter().enumerate() {
+                            found.transition[column(row)] = (value - nominal.0[row]) / DEVIATION;
+                        }
+                        for (i, value) in errors.enumerate() {
+                            found.error_state[(k * hold + i) * size + entry] =
+                                (value - nominal.1[i]) / DEVIATION;
+                        }
+                    }
+                    Probe::Wheel(wheel) => {
+                        let per = 1.0 / torque[wheel];
+                        for (row, value) in end.iter().enumerate() {
+                            found.input[(k * size + row) * 2 + wheel] =
+                                (value - nominal.0[row]) * per;
+                        }
+                        for (i, value) in errors.enumerate() {
+                            found.error_input[(k * hold + i) * 2 + wheel] =
+                                (value - nominal.1[i]) * per;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Constant torques, and the error of the tip after each sample.
+struct Measuring<T> {
+    command: WheelTorques<T>,
+    errors: Vec<T>,
+}
+
+impl<T: Number> Pilot<T> for Measuring<T> {
+    #[inline(always)]
+    fn command(&mut self, _: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
+        (self.command, None)
+    }
+
+    #[inline(always)]
+    fn flown(&mut self, flight: &mut Flight<T>) -> bool {
+        let error = flight.slew_error() * flight.reach() + flight.outputs().tip[0];
+        self.errors.push(error);
+        true
+    }
+}
+
+/// State of a flight as deviation from the undeflected arm at the reference.
+impl Flight<f64> {
+    /// Number of coordinates.
+    pub(crate) fn coordinates(&self) -> usize {
+        self.body().coordinates()
+    }
+
+    /// Coordinates and rates, less the reference.
+    pub(crate) fn deviation(&self) -> Vec<f64> {
+        let (q, v) = self.body().state_of(self.motion());
+        let reference = self.reference();
+        let mut x: Vec<f64> = q.into_iter().chain(v).collect();
+        let rate = x.len() / 2;
+        x[0] -= reference.angle;
+        x[rate] -= reference.rate;
+        x
+    }
+
+    /// The motion that deviates so from the reference now.
+    pub(crate) fn motion_at(&self, deviation: &[f64]) -> Motion<f64> {
+        let reference = self.reference();
+        let mut x = deviation.to_vec();
+        let (q, v) = x.split_at_mut(deviation.len() / 2);
+        q[0] += reference.angle;
+        v[0] += reference.rate;
+        self.body().motion_of(q, v, &self.extension())
+    }
+}
