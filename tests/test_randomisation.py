@@ -190,6 +190,72 @@ def test_payload_in_the_observation() -> None:
     assert values["hidden"] == 0.0
 
 
+TABLE_2_7 = np.array([(0, 0, 0), (50, 0.1, 0.1), (200, 1, 0.5), (350, 1.5, 0.75), (500, 2, 1)])
+"""Mass (kg), length and width (m) of the thesis' payloads, after none."""
+
+
+def test_dimensions_that_follow_from_the_mass_are_reported_for_the_reported_mass() -> None:
+    """Those of the true mass would tell it to whoever looks at them."""
+    env = drm_env.DrmEnv()
+    for seed in range(50):
+        _, info = env.reset(seed=seed)
+        for column, name in enumerate(("length", "width"), start=1):
+            for kind in ("payload", "reported_payload"):
+                mass = info[f"context/{kind}_mass"]
+                expected = np.interp(mass, TABLE_2_7[:, 0], TABLE_2_7[:, column])
+                assert info[f"context/{kind}_{name}"] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["coincident", "force_limited"])
+def test_payloads_that_are_reported_alike_look_alike(mode: str) -> None:
+    """Nothing that is observed, planned or commanded before anything moves tells the true mass."""
+    env = drm_env.DrmEnv(mass_error=0.0, deployment_mode=mode)
+    seen = []
+    for mass in (60.0, 180.0, 490.0):
+        options = {"payload_mass": mass, "reported_payload_mass": 240.0}
+        observation, info = env.reset(seed=1, options=options)
+        assert info["context/payload_mass"] == mass
+        flight = drm_env.simulate({**env.scenario(), "horizon": 8.0})
+        seen.append((observation, *(flight[name] for name in ("slew_torque", "extension"))))
+    for other in seen[1:]:
+        for one, another in zip(seen[0], other, strict=True):
+            np.testing.assert_array_equal(one, another)
+
+
+def test_dimensions_that_are_given_are_reported_as_given() -> None:
+    env = drm_env.DrmEnv(payload_length=1.3)
+    _, info = env.reset(seed=0)
+    assert info["context/reported_payload_length"] == 1.3
+    width = np.interp(info["context/reported_payload_mass"], TABLE_2_7[:, 0], TABLE_2_7[:, 2])
+    assert info["context/reported_payload_width"] == pytest.approx(width, rel=1e-12)
+    _, info = env.reset(seed=0, options={"payload_width": 0.4, "reported_payload_length": 1.1})
+    assert info["context/payload_length"] == 1.3
+    assert info["context/reported_payload_length"] == 1.1
+    assert info["context/reported_payload_width"] == 0.4
+
+
+def test_an_exact_report_is_the_true_payload() -> None:
+    env = drm_env.DrmEnv(mass_error=0.0)
+    for seed in range(20):
+        _, info = env.reset(seed=seed)
+        for name in ("mass", "length", "width"):
+            assert info[f"context/reported_payload_{name}"] == info[f"context/payload_{name}"]
+
+
+def test_dimensions_of_a_payload_that_is_not_drawn_are_known() -> None:
+    """As in the thesis: there is nothing to tell, whatever mass is reported."""
+    for env in (
+        drm_env.DrmEnv(task="slew_thesis", mass_error=0.15),
+        drm_env.DrmEnv(payload_mass=200.0),
+    ):
+        _, info = env.reset(seed=0)
+        assert info["context/reported_payload_mass"] != 200.0
+        assert info["context/reported_payload_length"] == 1.0
+        assert info["context/reported_payload_width"] == 0.5
+    angle = drm_env.simulate({"mass_error": 0.15}).metrics["peak_slew_angle"]
+    assert np.degrees(angle) == pytest.approx(56.18, abs=0.01)
+
+
 # What a parameter is changed to, and what else has to hold for it to matter.
 CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "payload_mass": (150.0, {}),

@@ -9,6 +9,7 @@ was made for in ``control_period`` and the evaluator builds the environment with
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,10 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 
 import drm_env
 from drm_baselines.errors import PolicyError
-from drm_baselines.network import load_policy
+from drm_baselines.network import NetworkPolicy, load_policy
 
 LAWS = ("none", "linear", "lyapunov")
 """Control laws by name: open loop, linear and Lyapunov-based feedback."""
+
+TUNED = {"lqr": "lqr", "linear_tuned": "linear", "lyapunov_tuned": "lyapunov"}
+"""Policies whose gains come from ``drm tune``, by name, and the name of their gains."""
+
+LEARNED = "learned"
+"""Name of the learned policy that comes with the package."""
 
 LAW_PERIOD = 2e-3
 """Sampling period that the thesis' gains were chosen for, s."""
@@ -195,15 +202,24 @@ def law_data(name: str, **parameters: Any) -> dict[str, Any]:
     Raises
     ------
     PolicyError
-        No law of this name; the message lists what exists.
+        No law of this name, the message lists what exists; or parameters for tuned gains.
     """
-    if name not in LAWS:
-        if name == "learned":
+    if name in TUNED:
+        from drm_baselines.benchmark.tuning import load_gains
+
+        if parameters:
             raise PolicyError(
-                "a learned policy is loaded from its run directory: drm_baselines.load_policy("
-                f"directory); make_policy makes {', '.join(LAWS)}"
+                f"the gains of {name!r} are those of drm tune: {sorted(parameters)[0]!r} cannot be "
+                "given"
             )
-        raise PolicyError(f"no policy {name!r}; there are {', '.join(LAWS)}")
+        return dict(load_gains(TUNED[name])["law"])
+    if name not in LAWS:
+        if name == LEARNED:
+            raise PolicyError(
+                "'learned' is a network and no law: make_policy('learned') loads the one that "
+                "comes with the package, drm_baselines.load_policy(directory) any other"
+            )
+        raise PolicyError(f"no policy {name!r}; there are {', '.join((*LAWS, *TUNED, LEARNED))}")
     return {"name": name, **parameters}
 
 
@@ -213,14 +229,16 @@ def make_policy(
     env: Any = None,
     config: drm_env.EnvConfig | Mapping[str, Any] | str | Path | None = None,
     **law_parameters: Any,
-) -> LawPolicy:
-    """Make a control law that acts on observations.
+) -> LawPolicy | NetworkPolicy:
+    """Make a policy that acts on observations. No torch is imported.
 
     Parameters
     ----------
     name
         ``"none"`` (open loop, or the environment's inner law alone), ``"linear"`` or
-        ``"lyapunov"``.
+        ``"lyapunov"`` with the thesis' gains; ``"lqr"``, ``"linear_tuned"`` or
+        ``"lyapunov_tuned"`` with those of ``drm tune``; ``"learned"``, the network that comes
+        with the package, which acts in the task of its ``config``.
     env
         The environment it will act in: single, vector or Stable-Baselines3.
     config
@@ -235,9 +253,11 @@ def make_policy(
     drm_env.ConfigError
         Impossible gains or configuration.
     """
-    law = law_data(name, **law_parameters)
     if env is not None and config is not None:
         raise PolicyError("give env or config, not both")
+    if name == LEARNED:
+        return _learned(env, config, law_parameters)
+    law = law_data(name, **law_parameters)
     if env is not None:
         resolved = config_of(env)
     elif isinstance(config, drm_env.EnvConfig):
@@ -247,9 +267,31 @@ def make_policy(
     return LawPolicy(law, resolved)
 
 
+def shipped_policy() -> Path:
+    """Return the directory of the learned policy that comes with the package."""
+    return Path(str(resources.files("drm_baselines") / "learned" / "dagger" / "seed_0"))
+
+
+def _learned(env: Any, config: Any, parameters: Mapping[str, Any]) -> NetworkPolicy:
+    if parameters:
+        raise PolicyError(f"'learned' has no parameter {sorted(parameters)[0]!r}")
+    policy = load_policy(shipped_policy())
+    if env is not None or config is not None:
+        resolved = config_of(env) if env is not None else drm_env.DrmEnv(config=config).config
+        layout = [list(entry) for entry in drm_env.observation_layout(config=resolved)]
+        if layout != [list(entry) for entry in policy.description["observation_layout"]]:
+            raise PolicyError(
+                "the observation of this environment is not the one that 'learned' was trained "
+                f"on: make the environment with config=policy.config ({policy.env_id})"
+            )
+    return policy
+
+
 __all__ = [
     "LAWS",
     "LAW_PERIOD",
+    "LEARNED",
+    "TUNED",
     "LawPolicy",
     "Policy",
     "config_of",
@@ -257,4 +299,5 @@ __all__ = [
     "law_name",
     "load_policy",
     "make_policy",
+    "shipped_policy",
 ]

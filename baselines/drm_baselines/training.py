@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -39,6 +40,7 @@ from drm_baselines.network import (
     DESCRIPTION_FILE,
     WEIGHTS_FILE,
     NetworkPolicy,
+    load_policy,
     save_policy,
 )
 from drm_baselines.records import Episodes
@@ -74,6 +76,8 @@ class TrainingRequest:
         Hyperparameters; ``n_envs`` among them.
     evaluations, evaluation_episodes
         Number of points of the learning curve, and episodes behind each.
+    start
+        Directory of a policy whose weights PPO begins with; none: random weights.
     """
 
     algorithm: str
@@ -84,6 +88,7 @@ class TrainingRequest:
     settings: hyperparameters.Hyperparameters
     evaluations: int = 10
     evaluation_episodes: int = 100
+    start: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,6 +224,7 @@ class _Run:
                 "steps": int(self.model.num_timesteps),
                 "wall_time": self.wall_time,
                 "hyperparameters": record.hyperparameters,
+                "command": " ".join(["drm", *sys.argv[1:]]),
                 **storage.provenance(),
             },
         }
@@ -319,6 +325,37 @@ def _make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         )
 
 
+def _begin_with(model: BaseAlgorithm, directory: Path, config: drm_env.EnvConfig) -> None:
+    """Give PPO's actor the weights of a saved policy.
+
+    Raises
+    ------
+    RunError
+        Not PPO, or a policy of another shape, activation or observation.
+    """
+    policy = load_policy(directory)
+    layout = [list(entry) for entry in drm_env.observation_layout(config=config)]
+    if [list(entry) for entry in policy.description["observation_layout"]] != layout:
+        raise RunError(f"{directory}: the policy sees another observation than this task's")
+    if not isinstance(model, PPO) or policy.network.output != "clip":
+        raise RunError(f"{directory}: only PPO can go on from a policy, with a clipped output")
+    own = [
+        layer
+        for layer in [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
+        if isinstance(layer, nn.Linear)
+    ]
+    shapes = [list(layer.weight.shape) for layer in own]
+    given = [list(weight.shape) for weight in policy.network.weights]
+    if shapes != given or perceptron_of(model).activation != policy.network.activation:
+        raise RunError(f"{directory}: the policy has layers {given}, the hyperparameters {shapes}")
+    with torch.no_grad():
+        for layer, weight, bias in zip(
+            own, policy.network.weights, policy.network.biases, strict=True
+        ):
+            layer.weight.copy_(torch.from_numpy(np.array(weight)))
+            layer.bias.copy_(torch.from_numpy(np.array(bias)))
+
+
 def _make_envs(
     request: TrainingRequest, config: drm_env.EnvConfig, segment: int
 ) -> tuple[VecEnv, int]:
@@ -384,6 +421,8 @@ def train(
     env, first_seed = _make_envs(request, config, 0)
     try:
         model = _make_model(request, env)
+        if request.start is not None:
+            _begin_with(model, request.start, config)
         # The model has seeded the environments with its own seed, which evaluations may use.
         env.seed(first_seed)
         run = _Run(directory, _new_record(request, config), model, config, request)

@@ -293,10 +293,11 @@ impl<T: Number> Cohort<T> {
             tip: zero,
         };
         let mut slew = None;
+        let scale = setup.config.task.wheel_scale;
         for (actuator, fraction) in task.actuators.iter().zip(held) {
             match actuator {
-                Actuator::RootWheel => command.root = fraction * fixed.root.torque,
-                Actuator::TipWheel => command.tip = fraction * fixed.tip.torque,
+                Actuator::RootWheel => command.root = fraction * fixed.root.torque * scale,
+                Actuator::TipWheel => command.tip = fraction * fixed.tip.torque * scale,
                 Actuator::SlewMotor => {
                     slew = Some(fraction * setup.config.scenario.slew_motor.torque_limit);
                 }

@@ -103,10 +103,16 @@ pub struct Task {
     /// Law that runs at the sample period below the agent's torques, which are added before
     /// saturation; null is none.
     pub inner_law: Option<Law>,
+    /// Torque of a wheel at an action of 1, as a multiple of the wheel's limit. Above an inner law more
+    /// than 1 lets the agent overrule it; the sum is limited all the same.
+    pub wheel_scale: f64,
     /// Largest change of an action per second (an action spans -1 to 1); null is unlimited.
     pub action_rate_limit: Option<f64>,
     /// Which payload is observed.
     pub observe_payload: ObservePayload,
+    /// Whether the error of the reported mass is shown as the balance of angular momentum tells it
+    /// while the arm slews; the slew must be open loop.
+    pub observe_identified: bool,
     /// Number of observations stacked, the newest last.
     pub observation_history: usize,
     /// Times ahead at which the reference acceleration and the extension are shown, s.
@@ -123,8 +129,10 @@ impl Default for Task {
             control_period: 0.01,
             actuators: vec![Actuator::RootWheel, Actuator::TipWheel],
             inner_law: None,
+            wheel_scale: 1.0,
             action_rate_limit: None,
             observe_payload: ObservePayload::Reported,
+            observe_identified: false,
             observation_history: 1,
             preview_times: vec![0.1, 0.25, 0.5, 1.0, 2.0],
             reward: Reward::default(),
@@ -283,6 +291,9 @@ impl EnvConfig {
         for (index, setting) in overrides.iter().flat_map(|list| list.iter()) {
             PARAMETERS[*index].set(&mut scenario, setting)?;
         }
+        if self.randomize.payload_mass.is_some() {
+            scenario.hide_dimensions();
+        }
         scenario.validate()?;
         Ok(scenario)
     }
@@ -337,8 +348,16 @@ impl Task {
         if let Some(law) = &self.inner_law {
             law.validate().map_err(|e| e.within("inner_law"))?;
         }
+        positive("wheel_scale", self.wheel_scale)?;
         if let Some(limit) = self.action_rate_limit {
             positive("action_rate_limit", limit)?;
+        }
+        if self.observe_identified && self.actuators.contains(&Actuator::SlewMotor) {
+            return Err(ConfigError::value(
+                "observe_identified",
+                "must be false where the slew motor is the agent's: the momentum it gives is not known",
+                true,
+            ));
         }
         if !(1..=100).contains(&self.observation_history) {
             return Err(ConfigError::value(

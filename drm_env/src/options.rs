@@ -87,6 +87,12 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Law below the agent's torques.",
     ),
     (
+        "wheel_scale",
+        "task.wheel_scale",
+        "-",
+        "Wheel torque at an action of 1, in multiples of the limit.",
+    ),
+    (
         "action_rate_limit",
         "task.action_rate_limit",
         "1/s",
@@ -97,6 +103,12 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "task.observe_payload",
         "-",
         "reported, true or hidden.",
+    ),
+    (
+        "observe_identified",
+        "task.observe_identified",
+        "-",
+        "Whether the identified error of the reported mass is shown.",
     ),
     (
         "observation_history",

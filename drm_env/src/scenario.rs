@@ -4,7 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::actuator::{RootWheel, TipWheel};
-use crate::arm::{Arm, Payload, PayloadProperties, finite, non_negative, positive};
+use crate::arm::{
+    Arm, Payload, PayloadProperties, finite, non_negative, positive, table_2_7_dimensions,
+};
 use crate::deployment::Deployment;
 use crate::error::ConfigError;
 use crate::modal::fastest_frequency;
@@ -204,13 +206,8 @@ impl Scenario {
             }
             None => truth.mass * (1.0 + self.mass_error),
         };
-        // Dimensions that follow from the mass are reported as those of the reported mass: the true
-        // ones would tell the true mass.
-        let told = crate::arm::table_2_7_dimensions(mass);
-        let length = self.reported_payload.length;
-        let length = length.unwrap_or(self.payload.length.unwrap_or(told.0));
-        let width = self.reported_payload.width;
-        let width = width.unwrap_or(self.payload.width.unwrap_or(told.1));
+        let length = self.reported_payload.length.unwrap_or(truth.length);
+        let width = self.reported_payload.width.unwrap_or(truth.width);
         non_negative("reported_payload.length", length)?;
         non_negative("reported_payload.width", width)?;
         Ok(PayloadProperties::new(
@@ -219,6 +216,20 @@ impl Scenario {
             width,
             self.payload.inertia,
         ))
+    }
+
+    /// Lets dimensions that follow from the mass be reported as those of the reported mass, unless they
+    /// are given: where the mass is drawn, the true ones would tell it to whoever looks.
+    pub(crate) fn hide_dimensions(&mut self) {
+        let reported = &mut self.reported_payload;
+        let truth = self.payload.mass * (1.0 + self.mass_error);
+        let (length, width) = table_2_7_dimensions(reported.mass.unwrap_or(truth));
+        if self.payload.length.is_none() {
+            reported.length.get_or_insert(length);
+        }
+        if self.payload.width.is_none() {
+            reported.width.get_or_insert(width);
+        }
     }
 
     /// Refuses anything that cannot be flown, naming field and value.
@@ -367,5 +378,54 @@ impl Scenario {
     /// Number of samples in the horizon.
     pub fn samples(&self) -> usize {
         (libm::round(self.horizon / self.sample_period) as usize).max(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(scenario: &Scenario) -> PayloadProperties {
+        scenario.reported().expect("the payload can be reported")
+    }
+
+    #[test]
+    fn what_is_not_reported_is_as_the_true_payload() {
+        let scenario = Scenario {
+            mass_error: 0.25,
+            ..Scenario::default()
+        };
+        let found = told(&scenario);
+        assert_eq!((found.mass, found.length, found.width), (250.0, 1.0, 0.5));
+    }
+
+    #[test]
+    fn hidden_dimensions_are_those_of_the_reported_mass() {
+        let mut scenario = Scenario {
+            mass_error: 0.25,
+            ..Scenario::default()
+        };
+        scenario.hide_dimensions();
+        let (length, width) = table_2_7_dimensions(250.0);
+        let found = told(&scenario);
+        assert_eq!((found.length, found.width), (length, width));
+        // two payloads that are reported alike cannot be told apart
+        let mut other = Scenario::default();
+        other.payload.mass = 400.0;
+        other.reported_payload.mass = Some(250.0);
+        other.hide_dimensions();
+        assert_eq!(told(&other), found);
+    }
+
+    #[test]
+    fn dimensions_that_are_given_are_not_hidden() {
+        let mut scenario = Scenario {
+            mass_error: 0.25,
+            ..Scenario::default()
+        };
+        scenario.payload.length = Some(1.3);
+        scenario.reported_payload.width = Some(0.7);
+        scenario.hide_dimensions();
+        assert_eq!((told(&scenario).length, told(&scenario).width), (1.3, 0.7));
     }
 }

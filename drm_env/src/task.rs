@@ -58,6 +58,9 @@ const MOMENTUM: [(&str, &str, f64); 2] = [
     ("tip_momentum", "N m s", 50.0),
 ];
 
+/// Entry of the identified payload, if it is asked for: name, unit, scale.
+const IDENTIFIED: (&str, &str, f64) = ("identified_mass_error", "1", 0.1);
+
 /// Entries of each preview time: name, unit, scale.
 const PREVIEW: [(&str, &str, f64); 2] = [
     ("reference_accel", "rad/s^2", 0.02),
@@ -75,6 +78,10 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
         .chain(&MOMENTUM)
         .map(|&(name, unit, scale)| (name.to_owned(), unit, scale))
         .collect();
+    if task.observe_identified {
+        let (name, unit, scale) = IDENTIFIED;
+        frame.push((name.to_owned(), unit, scale));
+    }
     for time in &task.preview_times {
         for (name, unit, scale) in PREVIEW {
             frame.push((format!("{name}+{time}s"), unit, scale));
@@ -98,7 +105,8 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
 
 /// Entries of one frame.
 pub fn frame_size(task: &Task) -> usize {
-    FIXED.len() + MOMENTUM.len() + PREVIEW.len() * task.preview_times.len()
+    let identified = usize::from(task.observe_identified);
+    FIXED.len() + MOMENTUM.len() + identified + PREVIEW.len() * task.preview_times.len()
 }
 
 /// What is told of the payload: its mass (kg), length and width (m).
@@ -167,11 +175,20 @@ pub(crate) fn observe<'a, T: Number>(
         };
         scaled[i] = (values[i] * (1.0 / scale)).limited(-limit, limit);
     }
+    let identified = if task.observe_identified {
+        flight.identified_mass_error() * (1.0 / IDENTIFIED.2)
+    } else {
+        T::splat(0.0)
+    };
     for lane in lanes_of(lanes) {
         let row = frame(lane);
-        let (fixed, preview) = row.split_at_mut(scaled.len());
+        let (fixed, mut preview) = row.split_at_mut(scaled.len());
         for (entry, value) in fixed.iter_mut().zip(&scaled) {
             *entry = value.lane(lane) as f32;
+        }
+        if task.observe_identified {
+            preview[0] = identified.lane(lane) as f32;
+            preview = &mut preview[1..];
         }
         let timeline = flight.timeline_of(lane);
         let now = clock.time.lane(lane);

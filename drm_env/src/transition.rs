@@ -2,15 +2,18 @@
 //! deviation from the reference and held wheel torques move the arm from one instant to the next, and
 //! the error of its tip in between.
 
+use crate::actuator::{RootWheel, TipWheel};
 use crate::body::Motion;
 use crate::control::WheelTorques;
 use crate::error::ConfigError;
-use crate::flight::{Flight, Fly, Pilot};
+use crate::flight::{Flight, Fly};
 use crate::lane::{Instructions, Number, Pack};
 use crate::plan::Plan;
 use crate::rng::{Purpose, Seed, Stream};
+use crate::rollout::law::{Autopilot, Given, Source};
 use crate::scenario::{Scenario, Sensors};
 use crate::vector::Vector;
+use crate::witness::{Watched, Witness};
 
 /// Deviations that are flown to measure their effect, in the units of the state: all equations but
 /// the axial load are linear, and with these its nonlinear part is below rounding.
@@ -18,6 +21,9 @@ const DEVIATION: f64 = 1e-5;
 
 /// Fraction of a wheel's torque limit that is flown to measure its effect.
 const TORQUE_FRACTION: f64 = 0.01;
+
+/// Most memory that the matrices of one manoeuvre may take, bytes.
+pub const MAX_BYTES: u64 = 4 << 30;
 
 /// x(k+1) = A x(k) + B u(k) + c and, for each sample i of the interval that follows k,
 /// z = C x(k) + D u(k) + d, where x is the deviation from the undeflected arm at the reference (the
@@ -52,30 +58,30 @@ impl Transitions {
     /// Measures the model of a manoeuvre at instants `hold` samples apart.
     ///
     /// # Errors
-    /// A scenario that cannot be flown; a hold that does not divide its samples.
+    /// A scenario that cannot be flown; a hold that does not divide its samples; more than
+    /// [`MAX_BYTES`].
     pub fn of(scenario: &Scenario, hold: usize) -> Result<Self, ConfigError> {
         let mut ideal = *scenario;
-        for (lag, dead_time, momentum) in [
-            {
-                let wheel = &mut ideal.root_wheel;
-                (&mut wheel.lag, &mut wheel.dead_time, &mut wheel.momentum_limit)
-            },
-            {
-                let wheel = &mut ideal.tip_wheel;
-                (&mut wheel.lag, &mut wheel.dead_time, &mut wheel.momentum_limit)
-            },
-        ] {
-            (*lag, *dead_time, *momentum) = (0.0, 0.0, None);
-        }
+        let RootWheel { torque_limit, .. } = ideal.root_wheel;
+        ideal.root_wheel = RootWheel {
+            torque_limit,
+            ..RootWheel::default()
+        };
+        let TipWheel { torque_limit, .. } = ideal.tip_wheel;
+        ideal.tip_wheel = TipWheel {
+            torque_limit,
+            ..TipWheel::default()
+        };
         ideal.sensors = Sensors::default();
         scenario.validate()?;
         let samples = ideal.samples();
-        if hold == 0 || samples % hold != 0 {
+        if !samples.is_multiple_of(hold) {
             let requirement = format!("must divide the {samples} samples of the manoeuvre");
             return Err(ConfigError::value("hold", requirement, hold));
         }
         let noise = Stream::new(Seed::from_u64(0), 0, Purpose::Sensors);
         let flight = Flight::new(Plan::new(&ideal)?, noise)?;
+        check_memory(2 * flight.coordinates(), samples, hold)?;
         Ok(match Instructions::detect() {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx512 => measure::<crate::lane::wide::Wide8>(&flight, samples, hold),
@@ -84,6 +90,25 @@ impl Transitions {
             Instructions::Baseline => measure::<Pack<2>>(&flight, samples, hold),
         })
     }
+}
+
+/// Refuses a model that would not fit into memory.
+fn check_memory(size: usize, samples: usize, hold: usize) -> Result<(), ConfigError> {
+    let [size, samples, hold] = [size, samples, hold].map(|count| count as u128);
+    let numbers = samples / hold * size * (size + 3) + samples * (size + 3);
+    let bytes = numbers * size_of::<f64>() as u128;
+    if bytes <= u128::from(MAX_BYTES) {
+        return Ok(());
+    }
+    let requirement = format!(
+        "must leave at most {} GiB of matrices (a larger hold or a shorter horizon leave less)",
+        MAX_BYTES >> 30
+    );
+    let found = format!(
+        "{hold}, which leaves {:.1} GiB",
+        bytes as f64 / f64::from(1 << 30)
+    );
+    Err(ConfigError::value("hold", requirement, found))
 }
 
 /// One thing that is flown beside the undisturbed arm.
@@ -125,13 +150,11 @@ fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Tran
         // what nothing but the reference leads to
         let mut nominal = (Vec::new(), Vec::new());
         for group in probes.chunks(T::WIDTH) {
-            let mut pilot = Measuring {
-                command: WheelTorques {
-                    root: T::splat(0.0),
-                    tip: T::splat(0.0),
-                },
-                errors: Vec::with_capacity(hold),
-            };
+            let mut command = Held(WheelTorques {
+                root: T::splat(0.0),
+                tip: T::splat(0.0),
+            });
+            let mut seen = TipErrors(Vec::with_capacity(hold));
             lanes.begin_at(&rest);
             for (lane, probe) in group.iter().enumerate() {
                 match *probe {
@@ -141,18 +164,21 @@ fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Tran
                         x[entry] = DEVIATION;
                         lanes.deviate(lane, &rest.motion_at(&x));
                     }
-                    Probe::Wheel(0) => pilot.command.root.set_lane(lane, torque[0]),
-                    Probe::Wheel(_) => pilot.command.tip.set_lane(lane, torque[1]),
+                    Probe::Wheel(0) => command.0.root.set_lane(lane, torque[0]),
+                    Probe::Wheel(_) => command.0.tip.set_lane(lane, torque[1]),
                 }
             }
             T::enter(Fly {
                 flight: &mut lanes,
                 samples: hold,
-                pilot: &mut pilot,
+                pilot: &mut Watched {
+                    pilot: &mut Autopilot::new(Source::Given(&mut command)),
+                    witness: Some(&mut seen),
+                },
             });
             for (lane, probe) in group.iter().enumerate() {
                 let end = lanes.one(lane).deviation();
-                let errors = pilot.errors.iter().map(|error| error.lane(lane));
+                let errors = seen.0.iter().map(|error| error.lane(lane));
                 match *probe {
                     Probe::Nothing => {
                         nominal = (end, errors.collect());
@@ -187,23 +213,24 @@ fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Tran
     found
 }
 
-/// Constant torques, and the error of the tip after each sample.
-struct Measuring<T> {
-    command: WheelTorques<T>,
-    errors: Vec<T>,
+/// Constant torques.
+struct Held<T>(WheelTorques<T>);
+
+impl<T: Number> Given<T> for Held<T> {
+    fn torques(&mut self, _: &Flight<T>) -> WheelTorques<T> {
+        self.0
+    }
 }
 
-impl<T: Number> Pilot<T> for Measuring<T> {
-    #[inline(always)]
-    fn command(&mut self, _: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
-        (self.command, None)
-    }
+/// The error of the tip after each sample.
+struct TipErrors<T>(Vec<T>);
 
-    #[inline(always)]
-    fn flown(&mut self, flight: &mut Flight<T>) -> bool {
+impl<T: Number> Witness<T> for TipErrors<T> {
+    fn before(&mut self, _: &Flight<T>) {}
+
+    fn after(&mut self, flight: &Flight<T>) {
         let error = flight.slew_error() * flight.reach() + flight.outputs().tip[0];
-        self.errors.push(error);
-        true
+        self.0.push(error);
     }
 }
 
@@ -233,5 +260,124 @@ impl Flight<f64> {
         q[0] += reference.angle;
         v[0] += reference.rate;
         self.body().motion_of(q, v, &self.extension())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::deployment::{Deployment, DeploymentMode};
+    use crate::model::{Model, ModelSpec};
+    use crate::plant::Extension;
+    use crate::profile::Slew;
+    use nalgebra::DMatrix;
+
+    const EXTENSION: f64 = 5.0;
+
+    /// The arm at a fixed length, its reference at rest.
+    fn resting() -> Scenario {
+        Scenario {
+            slew: Slew {
+                angle: 0.0,
+                ..Slew::default()
+            },
+            deployment: Deployment {
+                start: EXTENSION,
+                mode: DeploymentMode::None,
+                ..Deployment::default()
+            },
+            integrator_step: 1e-4,
+            horizon: 0.08,
+            ..Scenario::default()
+        }
+    }
+
+    fn assert_close(found: &[f64], expected: &DMatrix<f64>, tolerance: f64) {
+        assert_eq!(found.len(), expected.len());
+        let columns = expected.ncols();
+        for (i, value) in found.iter().enumerate() {
+            let (row, column) = (i / columns, i % columns);
+            let expected = expected[(row, column)];
+            assert!(
+                (value - expected).abs() <= tolerance,
+                "({row}, {column}): {value} instead of {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_arm_at_rest_has_the_exponential_of_its_equations() {
+        let scenario = resting();
+        let hold = 10;
+        let found = Transitions::of(&scenario, hold).expect("the arm can be flown");
+        let model = Model::new(ModelSpec::default()).expect("the default arm has a model");
+        let still = Extension {
+            length: EXTENSION,
+            rate: 0.0,
+            accel: 0.0,
+        };
+        let linear = model
+            .linearize(&still, 0.0)
+            .expect("the arm reaches so far");
+        let (n, h) = (6, hold as f64 * scenario.sample_period);
+        // [A B; 0 0] h holds the torques of the wheels
+        let mut whole = DMatrix::zeros(n + 2, n + 2);
+        whole.view_mut((0, 0), (n, n)).copy_from(&linear.a);
+        whole
+            .view_mut((0, n), (n, 2))
+            .copy_from(&linear.b.columns(1, 2));
+        let whole = (whole * h).exp();
+        let a = whole.view((0, 0), (n, n)).into_owned();
+        let b = whole.view((0, n), (n, 2)).into_owned();
+        assert_eq!((found.size, found.intervals), (n, 4));
+        for k in 0..found.intervals {
+            let part = |values: &[f64], length: usize| values[k * length..][..length].to_vec();
+            assert_close(&part(&found.transition, n * n), &a, 1e-6 * a.amax());
+            assert_close(&part(&found.input, n * 2), &b, 1e-6 * b.amax());
+            // the error of the tip after the last sample is that of the state
+            let reach = scenario.arm.link1.length + EXTENSION;
+            let row = DMatrix::from_row_slice(1, n, &[reach, 2.0, 2.0, 0.0, 0.0, 0.0]);
+            let last = &part(&found.error_state, hold * n)[(hold - 1) * n..];
+            assert_close(last, &(&row * &a), 1e-6 * (&row * &a).amax());
+            let last = &part(&found.error_input, hold * 2)[(hold - 1) * 2..];
+            assert_close(last, &(&row * &b), 1e-6 * (&row * &b).amax());
+        }
+        let constant = [&found.start, &found.offset, &found.error_offset];
+        assert!(constant.into_iter().flatten().all(|value| *value == 0.0));
+    }
+
+    #[test]
+    fn wheels_and_sensors_are_ideal() {
+        let plain = Transitions::of(&resting(), 10).expect("the arm can be flown");
+        let mut real = resting();
+        (real.root_wheel.lag, real.root_wheel.dead_time) = (0.05, 0.01);
+        real.root_wheel.momentum_limit = Some(1e-9);
+        (real.tip_wheel.lag, real.tip_wheel.dead_time) = (0.02, 0.03);
+        real.tip_wheel.momentum_limit = Some(1e-9);
+        (real.sensors.angle_noise, real.sensors.delay) = (1e-3, 0.01);
+        let found = Transitions::of(&real, 10).expect("the arm can be flown");
+        assert_eq!(found, plain);
+    }
+
+    #[test]
+    fn holds_that_do_not_fit_are_refused() {
+        let refused = |scenario: &Scenario, hold| {
+            let error = Transitions::of(scenario, hold).expect_err("it does not fit");
+            error.to_string()
+        };
+        for hold in [0, 7, 41] {
+            let expected = format!("hold must divide the 40 samples of the manoeuvre, got {hold}");
+            assert_eq!(refused(&resting(), hold), expected);
+        }
+        let endless = Scenario {
+            horizon: 1e6,
+            ..resting()
+        };
+        let message = refused(&endless, 1);
+        assert!(message.contains("at most 4 GiB"), "{message}");
+        assert!(
+            message.contains("got 1, which leaves 234.7 GiB"),
+            "{message}"
+        );
     }
 }

@@ -186,6 +186,46 @@ class LyapunovTip:
     """On Jtb beta', 1/s."""
 
 
+AngleGainItem: TypeAlias = tuple[float, float, float, float]
+
+
+RateGainItem: TypeAlias = tuple[float, float, float, float]
+
+
+DeflectionGainItem: TypeAlias = tuple[float, float, float, float]
+
+
+DeflectionRateGainItem: TypeAlias = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScheduledWheel:
+    """Gains of one wheel."""
+
+    angle_gain: tuple[AngleGainItem, AngleGainItem, AngleGainItem] = (
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+    )
+    """On the slew error, N m/rad: entry (i, j) multiplies (mass / 500 kg)^i (extension / 8 m)^j."""
+    rate_gain: tuple[RateGainItem, RateGainItem, RateGainItem] = (
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+    )
+    """On the slew rate error, N m s/rad, likewise."""
+    deflection_gain: tuple[DeflectionGainItem, DeflectionGainItem, DeflectionGainItem] = (
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+    )
+    """On link 2's tip deflection, N, likewise."""
+    deflection_rate_gain: tuple[
+        DeflectionRateGainItem, DeflectionRateGainItem, DeflectionRateGainItem
+    ] = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+    """On its rate, N s, likewise."""
+
+
 ObservePayload: TypeAlias = Literal["reported", "true", "hidden"]
 """Which payload the observation shows."""
 
@@ -441,7 +481,21 @@ class LyapunovLaw:
     """Tip wheel."""
 
 
-Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw
+@dataclass(frozen=True, kw_only=True)
+class ScheduledLaw:
+    """
+    Output feedback with gains scheduled over extension and reported mass. Without gains it is
+    the open loop.
+    """
+
+    name: Literal["scheduled"] = "scheduled"
+    root: ScheduledWheel | None = None
+    """Root wheel."""
+    tip: ScheduledWheel | None = None
+    """Tip wheel."""
+
+
+Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw
 """A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name."""
 
 
@@ -501,10 +555,20 @@ class Task:
     Law that runs at the sample period below the agent's torques, which are added before
     saturation; null is none.
     """
+    wheel_scale: float = 1.0
+    """
+    Torque of a wheel at an action of 1, as a multiple of the wheel's limit. Above an inner law more
+    than 1 lets the agent overrule it; the sum is limited all the same.
+    """
     action_rate_limit: float | None = None
     """Largest change of an action per second (an action spans -1 to 1); null is unlimited."""
     observe_payload: ObservePayload = "reported"
     """Which payload is observed."""
+    observe_identified: bool = False
+    """
+    Whether the error of the reported mass is shown as the balance of angular momentum tells it
+    while the arm slews; the slew must be open loop.
+    """
     observation_history: int = 1
     """Number of observations stacked, the newest last."""
     preview_times: Sequence[float] = (0.1, 0.25, 0.5, 1.0, 2.0)

@@ -32,6 +32,7 @@ __all__ = [
     "schema_json",
     "signal_names",
     "simulate",
+    "transitions",
 ]
 
 __version__: Final[str]
@@ -454,7 +455,9 @@ def reward_names() -> list[str]:
 
 def rollout(
     scenarios: SupportsGetItem[int, str],
-    pilot: tuple[str | None, tuple[Network, str] | None],
+    pilot: tuple[
+        str | None, tuple[Network, str] | None, tuple[NDArray[float64], SupportsIndex] | None
+    ],
     seeds: SupportsGetItem[int, bytes | bytearray],
     num_threads: SupportsIndex | None,
     progress: Any | None,
@@ -462,10 +465,11 @@ def rollout(
     every: SupportsIndex,
 ) -> tuple[NDArray[float64], list[tuple[str, NDArray[float64]]]]:
     """
-    Flies many manoeuvres under a law (as JSON text), or by a network in the task of a configuration
-    (as JSON text): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre,
-    every `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the
-    work and is raised here.
+    Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration
+    (as JSON text), or under torques (N m; each row, of root and tip wheel, is held for so many
+    samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
+    `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
+    and is raised here.
     """
 
 def sample_scenarios(config: str, seeds: SupportsGetItem[int, bytes | bytearray]) -> str:
@@ -488,4 +492,10 @@ def simulate(
 ) -> tuple[list[tuple[str, NDArray[float64]]], list[tuple[str, float]]]:
     """
     Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
+    """
+
+def transitions(scenario: str, hold: SupportsIndex) -> tuple[int, int, list[NDArray[float64]]]:
+    """
+    The discrete linear model of a manoeuvre every `hold` samples: size of the state, number of
+    intervals, and flat arrays in the order of the engine's `Transitions`.
     """

@@ -233,7 +233,7 @@ def _pilot(
     Raises
     ------
     ConfigError
-        more than one of law, policy and torques, a policy that is none, or a task for anything else.
+        more than one of law, policy and torques, a policy that is none, or a task for the others.
     """
     if schedule is not None and (law is not None or policy is not None):
         raise ConfigError("give one of law, policy and torques")

@@ -1,1 +1,1 @@
-"""The benchmark: frozen suites of manoeuvres, what is possible in them, who flies them and how well."""
+"""The benchmark: frozen suites of manoeuvres, what is possible in them, and who flies them."""

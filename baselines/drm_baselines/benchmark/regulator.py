@@ -1,10 +1,11 @@
 """A linear-quadratic regulator, scheduled over extension and reported mass.
 
-For each mass and extension of a grid the arm at rest is linearised (:class:`drm_env.Model`), link 1 taken
-as rigid, since its deflection is not measured, and the discrete regulator for the law's sampling
-period solved. Its gains, smooth over the grid, are fitted by the polynomials of the engine's
-``scheduled`` law. What is weighed are the error of the tip, its rate, the deflection rate of link 2 and
-the torques; the weights are tuned like the gains of the other laws.
+For each mass and extension of a grid the arm at rest is linearised (:class:`drm_env.Model`),
+link 1 taken as rigid, since its deflection is not measured, and the discrete regulator for the
+law's sampling period solved. Its gains, smooth over the grid, are fitted by the polynomials of
+the engine's ``scheduled`` law. What is weighed are the error of the tip, its rate, the
+deflection rate of link 2 and the torques; the weights are tuned like the gains of the other
+laws.
 """
 
 from __future__ import annotations

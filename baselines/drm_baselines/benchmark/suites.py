@@ -1,10 +1,10 @@
 """The suites: lists of manoeuvres that every policy flies, frozen as data.
 
-A suite is drawn once, stratum by stratum, from distributions of the environment and written to a CSV
-file in ``data/``; flights read the file, so that no change of the engine's random numbers moves a
-suite. :func:`generate` makes the file's rows again, and a test compares the two. The seeds of the
-suites are their own: evaluations elsewhere start at 0, learning curves at 900,000,000, training at
-1,000,000,000.
+A suite is drawn once, stratum by stratum, from distributions of the environment and written to
+a CSV file in ``data/``; flights read the file, so that no change of the engine's random numbers
+moves a suite. :func:`generate` makes the file's rows again, and a test compares the two. The
+seeds of the suites are their own: evaluations elsewhere start at 0, learning curves at
+900,000,000, training at 1,000,000,000.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ _COLUMNS = {
     "payload_length": ("payload", "length"),
     "payload_width": ("payload", "width"),
     "mass_error": ("mass_error",),
+    "reported_payload_length": ("reported_payload", "length"),
+    "reported_payload_width": ("reported_payload", "width"),
     "slew_angle": ("slew", "angle"),
     "slew_profile": ("slew", "profile"),
     "slew_smoothing": ("slew", "smoothing"),
@@ -196,6 +198,8 @@ def _thesis_rows() -> list[dict[str, Any]]:
                                 "payload_length": length,
                                 "payload_width": width,
                                 "mass_error": error,
+                                "reported_payload_length": "",
+                                "reported_payload_width": "",
                                 "slew_angle": 50.0 * _DEGREE,
                                 "slew_profile": profile,
                                 "slew_smoothing": smoothing,

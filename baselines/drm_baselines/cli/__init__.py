@@ -9,14 +9,17 @@ from __future__ import annotations
 import typer
 
 from drm_baselines.cli.bench import bench
+from drm_baselines.cli.benchmark import benchmark
 from drm_baselines.cli.compare import compare
 from drm_baselines.cli.demo import demo
 from drm_baselines.cli.evaluate import evaluate
+from drm_baselines.cli.imitate import imitate
 from drm_baselines.cli.info import info
 from drm_baselines.cli.modes import modes
 from drm_baselines.cli.reproduce import reproduce
 from drm_baselines.cli.simulate import simulate
 from drm_baselines.cli.train import train
+from drm_baselines.cli.tune import tune
 
 app = typer.Typer(
     name="drm",
@@ -27,7 +30,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (info, modes, simulate, compare, train, evaluate, demo, reproduce, bench):
+for _command in (
+    info, modes, simulate, compare, train, imitate, tune, evaluate, benchmark, demo, reproduce,
+    bench,
+):  # fmt: skip
     app.command()(_command)
 
 

@@ -109,6 +109,13 @@ def train(
     hyperparameters: Annotated[
         Path | None, typer.Option(help="TOML file of settings instead of the packaged ones.")
     ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory of a policy to begin with, such as one of drm imitate (PPO only).",
+            show_default=False,
+        ),
+    ] = None,
     evaluations: Annotated[int, typer.Option(min=1, help="Points of the learning curve.")] = 10,
     evaluation_episodes: Annotated[
         int, typer.Option(min=2, help="Episodes behind each point of the learning curve.")
@@ -129,7 +136,8 @@ def train(
 
     if resume:
         given = {"--algo": algo, "--env": env_id, "--seed": seed, "--n-envs": n_envs,
-                 "--hyperparameters": hyperparameters, "--set": set_options or None,
+                 "--hyperparameters": hyperparameters, "--start": start,
+                 "--set": set_options or None,
                  "--force": force or None}  # fmt: skip
         for name, value in given.items():
             if value is not None:
@@ -159,6 +167,7 @@ def train(
             settings=settings,
             evaluations=evaluations,
             evaluation_episodes=evaluation_episodes,
+            start=start,
         )
         with progress_bar() as progress:
             watcher = ConsoleWatcher(progress, request.steps)

@@ -92,15 +92,16 @@ impl Network {
 
 /// Who flies a rollout.
 enum Pilot<'a> {
-    Law(Law),
+    Law(Box<Law>),
     Schedule(Schedule<'a>),
     Network(&'a Engine, Box<EnvConfig>),
 }
 
 /// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration
-/// (as JSON text), or under torques (N m, a row of root and tip wheel each so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre,
-/// every `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the
-/// work and is raised here.
+/// (as JSON text), or under torques (N m; each row, of root and tip wheel, is held for so many
+/// samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
+/// `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
+/// and is raised here.
 #[pyfunction]
 #[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every))]
 #[allow(clippy::too_many_arguments, clippy::type_complexity)]
@@ -132,7 +133,7 @@ pub(crate) fn rollout<'py>(
     let (law, policy) = (&pilot.0, &pilot.1);
     let result = detached(py, || {
         let pilot = match (law, policy, schedule) {
-            (Some(law), None, None) => Pilot::Law(law_from_json(law)?),
+            (Some(law), None, None) => Pilot::Law(Box::new(law_from_json(law)?)),
             (None, Some((network, config)), None) => {
                 Pilot::Network(&network.get().0, Box::new(EnvConfig::from_json(config)?))
             }

@@ -1,6 +1,7 @@
 //! Output feedback whose gains are scheduled over extension and reported mass:
 //! T = -(k1 e + k2 e' + k3 y2 + k4 y2') for each wheel, where each gain is a polynomial. A linear-quadratic
-//! regulator designed along the deployment takes this form; the thesis has none.
+//! regulator designed along the deployment takes this form; the thesis has none. Reported masses beyond
+//! 500 kg count as 500 kg.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -65,7 +66,8 @@ impl ScheduledLaw {
         measured: &Measurement<T>,
         known: &KnownInertia<T>,
     ) -> WheelTorques<T> {
-        let mass = known.mass * (1.0 / MASS_SCALE);
+        // a polynomial says nothing beyond the masses that it was fitted to
+        let mass = (known.mass * (1.0 / MASS_SCALE)).limited(T::splat(0.0), T::splat(1.0));
         let extension = measured.extension * (1.0 / EXTENSION_SCALE);
         let off = T::splat(0.0);
         WheelTorques {

@@ -133,6 +133,19 @@ impl RigidInertia<f64> {
             ],
         }
     }
+
+    /// The payload's share of it.
+    pub fn of_payload(arm: &Arm, payload: &PayloadProperties) -> Self {
+        let l1 = arm.link1.length;
+        let (mp, lp) = (payload.mass, payload.length);
+        Self {
+            coefficients: [
+                mp * l1 * (l1 + lp) + payload.inertia_attachment,
+                mp * (2.0 * l1 + lp),
+                mp,
+            ],
+        }
+    }
 }
 
 laned!(RigidInertia { coefficients });

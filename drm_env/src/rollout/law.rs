@@ -12,18 +12,21 @@ use super::record::Recorder;
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
 
-/// Where the torques of a sample come from.
-pub(super) trait Source: Copy {
-    /// Wheel torques, N m, before saturation; `lanes` says which manoeuvre is in which lane.
-    fn torques<T: Number>(self, flight: &mut Flight<T>, lanes: &[Option<Place>])
-    -> WheelTorques<T>;
+/// Where the torques of a sample come from. One type, for every pilot of another one is compiled into the
+/// whole step anew.
+pub(crate) enum Source<'a, T> {
+    /// A law.
+    Law(&'a Law),
+    /// Somebody else.
+    Given(&'a mut dyn Given<T>),
 }
 
-impl Source for &Law {
-    #[inline(always)]
-    fn torques<T: Number>(self, flight: &mut Flight<T>, _: &[Option<Place>]) -> WheelTorques<T> {
-        flight.law_torques(self)
-    }
+/// Gives torques without a law.
+pub(crate) trait Given<T> {
+    /// Wheel torques of the next sample, N m, before saturation.
+    fn torques(&mut self, flight: &Flight<T>) -> WheelTorques<T>
+    where
+        T: Number;
 }
 
 /// Torques that are given beforehand, each held for a number of samples; none follow the last.
@@ -37,28 +40,41 @@ pub struct Schedule<'a> {
     pub hold: usize,
 }
 
-impl Source for Schedule<'_> {
-    #[inline(always)]
-    fn torques<T: Number>(
-        self,
-        flight: &mut Flight<T>,
-        lanes: &[Option<Place>],
-    ) -> WheelTorques<T> {
+/// A schedule for the manoeuvres in the lanes.
+struct Played<'a> {
+    schedule: &'a Schedule<'a>,
+    lanes: &'a [Option<Place>],
+}
+
+impl<T: Number> Given<T> for Played<'_> {
+    fn torques(&mut self, flight: &Flight<T>) -> WheelTorques<T> {
         let mut torques = WheelTorques {
             root: T::splat(0.0),
             tip: T::splat(0.0),
         };
-        for (lane, place) in lanes.iter().enumerate() {
+        let Schedule {
+            torques: given,
+            rows,
+            hold,
+        } = self.schedule;
+        for (lane, place) in self.lanes.iter().enumerate() {
             let Some(place) = place else { continue };
-            let row = flight.common.sample.lane(lane) as usize / self.hold;
-            if row < self.rows {
-                let [root, tip] = self.torques[place.index * self.rows + row];
+            let row = flight.common.sample.lane(lane) as usize / hold;
+            if row < *rows {
+                let [root, tip] = given[place.index * rows + row];
                 torques.root.set_lane(lane, root);
                 torques.tip.set_lane(lane, tip);
             }
         }
         torques
     }
+}
+
+/// What all manoeuvres of a rollout are flown under.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Command<'a> {
+    Law(&'a Law),
+    Schedule(&'a Schedule<'a>),
 }
 
 /// A manoeuvre in one lane: its place in the list, and the samples that are left of it.
@@ -69,7 +85,7 @@ pub(super) struct Place {
 }
 
 /// Flies manoeuvres side by side until there are no more: a lane that has ended takes the next one.
-pub(super) fn fly<T: Vector>(queue: &Queue<'_>, source: impl Source) {
+pub(super) fn fly<T: Vector>(queue: &Queue<'_>, command: Command<'_>) {
     let Some((index, first)) = queue.take() else {
         return;
     };
@@ -87,14 +103,14 @@ pub(super) fn fly<T: Vector>(queue: &Queue<'_>, source: impl Source) {
                         *taken = Some(place(index, &next));
                         flight.put(lane, &next);
                     }
-                    Some((index, next)) => fly_alone(queue, index, next, source),
+                    Some((index, next)) => fly_alone(queue, index, next, command),
                 }
             }
         }
         if queue.stopped() || lanes.iter().all(Option::is_none) {
             return;
         }
-        leg(queue, source, &mut flight, &mut lanes, recorder.as_mut());
+        leg(queue, command, &mut flight, &mut lanes, recorder.as_mut());
     }
 }
 
@@ -104,18 +120,18 @@ fn place(index: usize, flight: &Flight<f64>) -> Place {
 }
 
 /// Flies one manoeuvre whose equations or samples are not those of the others.
-fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, source: impl Source) {
+fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, command: Command<'_>) {
     let mut lanes = [Some(place(index, &flight))];
     let mut recorder = queue.recorder(1);
     while lanes[0].is_some() && !queue.stopped() {
-        leg(queue, source, &mut flight, &mut lanes, recorder.as_mut());
+        leg(queue, command, &mut flight, &mut lanes, recorder.as_mut());
     }
 }
 
 /// Flies until a lane ends or it is time for a look, and hands in those that have ended.
 fn leg<T: Vector>(
     queue: &Queue<'_>,
-    source: impl Source,
+    command: Command<'_>,
     flight: &mut Flight<T>,
     lanes: &mut [Option<Place>],
     mut recorder: Option<&mut Recorder<'_>>,
@@ -128,12 +144,15 @@ fn leg<T: Vector>(
     if let Some(recorder) = recorder.as_deref_mut() {
         recorder.look_again();
     }
-    let mut pilot = Autopilot {
-        source,
-        lanes,
-        flown: 0,
-        lost: 0,
+    let mut played;
+    let source = match command {
+        Command::Law(law) => Source::Law(law),
+        Command::Schedule(schedule) => {
+            played = Played { schedule, lanes };
+            Source::Given(&mut played)
+        }
     };
+    let mut pilot = Autopilot::new(source);
     T::enter(Fly {
         flight,
         samples: left.min(SAMPLES_BETWEEN_LOOKS),
@@ -164,17 +183,30 @@ fn leg<T: Vector>(
 }
 
 /// A source of torques as the pilot, until a lane's state is no longer finite.
-struct Autopilot<'a, S> {
-    source: S,
-    lanes: &'a [Option<Place>],
+pub(crate) struct Autopilot<'a, T> {
+    source: Source<'a, T>,
     flown: usize,
     lost: u32,
 }
 
-impl<T: Number, S: Source> Pilot<T> for Autopilot<'_, S> {
+impl<'a, T> Autopilot<'a, T> {
+    pub(crate) fn new(source: Source<'a, T>) -> Self {
+        Self {
+            source,
+            flown: 0,
+            lost: 0,
+        }
+    }
+}
+
+impl<T: Number> Pilot<T> for Autopilot<'_, T> {
     #[inline(always)]
     fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
-        (self.source.torques(flight, self.lanes), None)
+        let torques = match &mut self.source {
+            Source::Law(law) => flight.law_torques(law),
+            Source::Given(given) => given.torques(flight),
+        };
+        (torques, None)
     }
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 //! environment: one with its trajectory, or many in parallel with their metrics and, if wanted, some of
 //! their signals.
 
-mod law;
+pub(crate) mod law;
 mod network;
 mod queue;
 mod record;
@@ -233,8 +233,8 @@ enum Ready<'a> {
 impl Ready<'_> {
     fn fly<T: Vector>(&self, queue: &Queue<'_>) {
         match self {
-            Self::Law(law) => law::fly::<T>(queue, *law),
-            Self::Schedule(schedule) => law::fly::<T>(queue, *schedule),
+            Self::Law(law) => law::fly::<T>(queue, law::Command::Law(law)),
+            Self::Schedule(schedule) => law::fly::<T>(queue, law::Command::Schedule(schedule)),
             Self::Network(autonomy) => autonomy.fly::<T>(queue),
         }
     }
@@ -273,7 +273,11 @@ fn check_schedule(schedule: &Schedule<'_>, count: usize) -> Result<(), ConfigErr
         hold,
     } = *schedule;
     if hold == 0 {
-        return Err(ConfigError::value("hold", "must be at least 1 sample", hold));
+        return Err(ConfigError::value(
+            "hold",
+            "must be at least 1 sample",
+            hold,
+        ));
     }
     if torques.len() != count * rows {
         let requirement = format!("must have {} rows, {rows} for each scenario", count * rows);

@@ -1,0 +1,186 @@
+"""``drm tune``: search the gains of control laws, or the settings of learning."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shlex
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from drm_baselines import storage
+from drm_baselines.cli.common import console, errors, guarded, progress_bar
+from drm_baselines.errors import BaselineError
+
+if TYPE_CHECKING:
+    from drm_baselines.benchmark.tuning import Outcome
+
+
+@contextlib.contextmanager
+def _trial_progress() -> Iterator[Callable[[str, int, int, str], None]]:
+    """Yield a function that shows (label, done, total, note) as one bar a label."""
+    with progress_bar() as progress:
+        tasks: dict[str, Any] = {}
+
+        def show(label: str, done: int, total: int, note: str) -> None:
+            if label not in tasks:
+                # what was there before took no time now: the estimate must not count it
+                tasks[label] = progress.add_task(label, total=total, completed=done, note=note)
+            progress.update(tasks[label], completed=done, total=total, note=note)
+
+        yield show
+
+
+def _table(content: dict[str, Any]) -> Table:
+    units = {each["name"]: each["unit"] for each in content["search"]["space"]}
+    table = Table(header_style="bold")
+    table.add_column("parameter")
+    table.add_column("best", justify="right")
+    table.add_column("unit")
+    for name, value in content["parameters"].items():
+        unit = units[name]
+        table.add_row(name, f"{value:.5g}", "" if unit == "1" else unit)
+    return table
+
+
+def _report(outcome: Outcome) -> None:
+    content = outcome.content
+    objective, trials = content["objective"], content["trials"]
+    console.print(_table(content))
+    first = objective["first"]
+    since = "" if first is None else f" (first trial: {first:.2f} mm)"
+    console.print(
+        f"{content['name']}: tip error RMS {objective['value']:.2f} mm{since}, trial "
+        f"{trials['best']} of {trials['count']}, {trials['pruned']} of them not flown; "
+        f"{content['budget']['wall_seconds']:.0f} s",
+        highlight=False,
+    )
+    if content["at_edge"]:
+        console.print(f"at the edge of the search: {', '.join(content['at_edge'])}")
+    console.print("wrote " + ", ".join(str(file) for file in outcome.files), soft_wrap=True)
+
+
+@guarded
+def tune(
+    target: Annotated[
+        str,
+        typer.Argument(
+            help="Law whose gains are searched (linear, lyapunov, lqr), or learning algorithm "
+            "whose settings are (ppo, sac)."
+        ),
+    ],
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            help="Laws: suite whose distributions the manoeuvres are drawn from, on seeds of "
+            "training; robust by default.",
+            show_default=False,
+        ),
+    ] = None,
+    scenarios: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Laws: manoeuvres of all four strata together; 400 by default.",
+            show_default=False,
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Learning: environment steps of each training; 400,000 by default.",
+            show_default=False,
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Trials in all, including those of an earlier start; 200 for laws, 20 for "
+            "learning by default.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, max=999, help="Seed of the search.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory of the search; results/tune/TARGET by default.", show_default=False
+        ),
+    ] = None,
+    package: Annotated[
+        bool,
+        typer.Option("--package", help="Laws: also put the gains into the package, as its own."),
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Tune the gains of a control law, or search the settings of a learning algorithm.
+
+    Laws are judged by the interquartile mean of the tip error over drawn manoeuvres, settings by
+    that of a short training's policy. The first trial is what there is: the thesis' gains, the
+    packaged settings. The same command goes on with a search that was interrupted (Ctrl-C keeps
+    what is there) and ends with the same digits; more --trials extend one.
+    """
+    from drm_baselines.benchmark import tuning
+
+    tuning.check_target(target)
+    is_law = target in tuning.GAINS
+    given = (
+        {"--steps": steps} if is_law
+        else {"--suite": suite, "--scenarios": scenarios, "--package": package or None}
+    )  # fmt: skip
+    for name, value in given.items():
+        if value is not None:
+            raise BaselineError(f"{name} means nothing for {target}")
+    directory = out if out is not None else Path("results") / "tune" / target
+    with _trial_progress() as progress:
+        if is_law:
+            request = tuning.LawRequest(
+                law=target,
+                suite=suite if suite is not None else "robust",
+                scenarios=scenarios if scenarios is not None else 400,
+                trials=trials if trials is not None else 200,
+                seed=seed,
+            )
+            command = request.command
+            outcome = tuning.tune_law(directory, request, force=force, progress=progress)
+        else:
+            settings = tuning.LearningRequest(
+                algorithm=target,
+                steps=steps if steps is not None else 400_000,
+                trials=trials if trials is not None else 20,
+                seed=seed,
+            )
+            command = settings.command
+            outcome = tuning.tune_learning(directory, settings, force=force, progress=progress)
+    count = outcome.content["trials"]["count"]
+    if outcome.found:
+        errors.print(
+            f"went on with {directory}: {outcome.found} trials were there, "
+            f"{count - outcome.found} are new",
+            highlight=False,
+            soft_wrap=True,
+        )
+    if as_json:
+        typer.echo(json.dumps(storage.plain(outcome.content), indent=2))
+    else:
+        _report(outcome)
+    if outcome.interrupted:
+        errors.print(
+            f"interrupted after {count} trials; go on with: {command} "
+            f"--out {shlex.quote(str(directory))}",
+            highlight=False,
+            soft_wrap=True,
+        )
+        raise typer.Exit(130)
+    if package:
+        path = tuning.package(outcome)
+        errors.print(f"packaged {path.name}", highlight=False)

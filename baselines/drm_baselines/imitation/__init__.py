@@ -1,0 +1,1 @@
+"""Learning from a teacher who knows the payload: plans by convex programmes, imitated."""

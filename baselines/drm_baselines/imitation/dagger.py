@@ -1,0 +1,326 @@
+"""Imitation of the teacher by dataset aggregation (DAgger, Ross et al. 2011).
+
+The student flies, the teacher says at every decision what it would have done, all of it is
+learned, and so on. The student is an ordinary feed-forward policy of the residual environment:
+what it sees is what any agent sees there. The wheels' stored momentum is in its observation,
+and with the momentum that the motor was told to give it tells the true inertia: that is the
+student's memory.
+
+A run is a directory like any other training run and ends in ``policy.safetensors`` and
+``policy.json``. It goes on where it was interrupted at the last finished round.
+"""
+
+from __future__ import annotations
+
+import copy
+import csv
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+import drm_env
+from drm_baselines import storage
+from drm_baselines.errors import RunError
+from drm_baselines.evaluation import config_data
+from drm_baselines.imitation.teacher import Plans, Teaching
+from drm_baselines.interruption import stop_on_signal
+from drm_baselines.network import DESCRIPTION_FILE, WEIGHTS_FILE, Perceptron, save_policy
+from drm_baselines.runs import EVALUATIONS_FILE
+
+ALGORITHM = "dagger"
+CURVE_SEED = 910_000_000
+"""First seed of the manoeuvres behind the curve of a run: apart from training and from suites."""
+
+_CURVE_EPISODES = 50  # a stratum
+
+Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """How a student learns.
+
+    Attributes
+    ----------
+    seed
+        Of the initial weights, the manoeuvres that this student sees, and the minibatches.
+    rounds
+        Times that the manoeuvres are flown: by the teacher first, then by the student.
+    share
+        Share of the planned manoeuvres that this student sees.
+    kept
+        Share of the decisions that are kept as examples.
+    epochs, last_epochs
+        Passes over all examples after each round, and after the last.
+    batch_size, learning_rate
+        Of the optimiser (Adam, one cycle a round).
+    layers, activation
+        Hidden layers.
+    teaching
+        The teacher's settings.
+    """
+
+    seed: int = 0
+    rounds: int = 4
+    share: float = 0.75
+    kept: float = 0.2
+    epochs: int = 3
+    last_epochs: int = 7
+    batch_size: int = 2048
+    learning_rate: float = 2.0e-3
+    layers: tuple[int, ...] = (128, 128)
+    activation: str = "tanh"
+    teaching: Teaching = field(default_factory=Teaching)
+
+
+_ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
+
+
+class Student(nn.Module):
+    """A network on standardised observations; the standardisation is folded in when exported."""
+
+    mean: torch.Tensor
+    deviation: torch.Tensor
+
+    def __init__(self, study: Study, mean: Array, deviation: Array) -> None:
+        super().__init__()
+        sizes = [mean.size, *study.layers]
+        layers: list[nn.Module] = []
+        for inputs, outputs in pairwise(sizes):
+            layers += [nn.Linear(inputs, outputs), _ACTIVATIONS[study.activation]()]
+        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 2))
+        self.activation = study.activation
+        self.register_buffer("mean", torch.from_numpy(mean))
+        self.register_buffer("deviation", torch.from_numpy(deviation))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return actions, not limited, (n, 2)."""
+        scaled = (observations - self.mean) / self.deviation
+        return self.layers(scaled)  # type: ignore[no-any-return]
+
+    def perceptron(self) -> Perceptron:
+        """Return the same network as plain arrays."""
+        linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
+        weights = [layer.weight.detach().numpy().astype(np.float64) for layer in linear]
+        biases = [layer.bias.detach().numpy().astype(np.float64) for layer in linear]
+        mean = np.asarray(self.mean, dtype=np.float64)
+        weights[0] = weights[0] / np.asarray(self.deviation, dtype=np.float64)
+        biases[0] = biases[0] - weights[0] @ mean
+        return Perceptron(
+            weights=[weight.astype(np.float32) for weight in weights],
+            biases=[bias.astype(np.float32) for bias in biases],
+            activation=self.activation,
+            output="clip",
+        )
+
+
+class _Examples:
+    """Observations and what the teacher would have done."""
+
+    def __init__(self) -> None:
+        self.observations: list[Array] = []
+        self.actions: list[Array] = []
+        self.decisions = 0
+
+    def arrays(self) -> tuple[torch.Tensor, torch.Tensor]:
+        return (
+            torch.from_numpy(np.concatenate(self.observations)),
+            torch.from_numpy(np.concatenate(self.actions)),
+        )
+
+
+class _Lesson:
+    """The manoeuvres of one stratum that a student sees."""
+
+    def __init__(self, plans: Plans, study: Study, rng: np.random.Generator) -> None:
+        chosen = rng.permutation(len(plans.seeds))
+        chosen = np.sort(chosen[: max(1, round(study.share * len(chosen)))])
+        self.study = study
+        self.seeds = [int(seed) for seed in plans.seeds[chosen]]
+        self.torques, self.angle = plans.torques[chosen], plans.angle[chosen]
+        self.config = study.teaching.config(plans.stratum)
+        layout = drm_env.observation_layout(config=self.config)
+        names = [entry.name for entry in layout]
+        self._error = names.index("slew_error")
+        self._scale = layout[self._error].scale
+        self._limit = 100.0
+
+    def advice(self, k: int, observations: Array) -> Array:
+        """Return what the teacher would do at decision k, seeing the same slew error."""
+        error = observations[:, self._error].astype(np.float64) * self._scale
+        action = self.torques[:, k].astype(np.float64)
+        teaching = self.study.teaching
+        action[:, 0] -= teaching.angle_feedback / self._limit * (error - self.angle[:, k])
+        return np.clip(action / teaching.wheel_scale, -1.0, 1.0).astype(np.float32)
+
+    def fly(
+        self, student: Perceptron | None, examples: _Examples, rng: np.random.Generator
+    ) -> None:
+        """Fly all manoeuvres, by the teacher without a student, and keep examples."""
+        env = drm_env.DrmVectorEnv(num_envs=len(self.seeds), config=self.config)
+        try:
+            observations, _ = env.reset(seed=self.seeds)
+            for k in range(self.torques.shape[1]):
+                advice = self.advice(k, observations)
+                if rng.random() < self.study.kept:
+                    examples.observations.append(observations.copy())
+                    examples.actions.append(advice)
+                actions = advice if student is None else student(observations)
+                observations, *_ = env.step(actions)
+            examples.decisions += self.torques.shape[1] * len(self.seeds)
+        finally:
+            env.close()
+
+
+def _learn(
+    student: Student, examples: _Examples, study: Study, epochs: int, rng: np.random.Generator,
+    stopped: Callable[[], bool],
+) -> float:  # fmt: skip
+    observations, actions = examples.arrays()
+    count = max(1, epochs * len(observations) // study.batch_size)
+    optimiser = torch.optim.Adam(student.parameters())
+    rate = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, max_lr=study.learning_rate, total_steps=count
+    )
+    recent = 0.0
+    for step in range(count):
+        if stopped():
+            break
+        chosen = torch.from_numpy(rng.integers(0, len(observations), study.batch_size))
+        loss = nn.functional.mse_loss(student(observations[chosen]), actions[chosen])
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+        rate.step()
+        recent = loss.item() if step == 0 else recent + 0.01 * (loss.item() - recent)
+    return recent
+
+
+def _point(student: Student, study: Study) -> dict[str, NDArray[np.float64]]:
+    network = student.perceptron().engine()
+    parts = []
+    for stratum in range(4):
+        config = study.teaching.config(stratum)
+        scenarios = drm_env.sample_scenarios(
+            config=config, seed=CURVE_SEED + 1000 * stratum, n=_CURVE_EPISODES
+        )
+        parts.append(drm_env.rollout(scenarios, policy=network, config=config))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def imitate(
+    directory: Path,
+    study: Study,
+    plans: Sequence[Plans],
+    *,
+    force: bool = False,
+    command: str = "",
+    watch: Callable[[int, dict[str, float]], None] | None = None,
+) -> Path:
+    """Teach one student and save its policy in ``directory``.
+
+    ``watch`` is called after each round with its number and the curve's newest point.
+
+    Raises
+    ------
+    ExistingResultError
+        The directory is not empty and ``force`` is false.
+    RunError
+        Interrupted before the first round was over.
+    """
+    from drm_baselines.statistics import interquartile_mean
+
+    storage.claim_directory(directory, force=force)
+    for name in (WEIGHTS_FILE, DESCRIPTION_FILE, EVALUATIONS_FILE):
+        (directory / name).unlink(missing_ok=True)
+    torch.set_num_threads(1)
+    torch.manual_seed(study.seed)
+    rng = np.random.default_rng([study.seed, 20])
+    lessons = [_Lesson(plan, study, rng) for plan in plans]
+    examples = _Examples()
+    student: Student | None = None
+    points: list[dict[str, float]] = []
+    begun = time.monotonic()
+    with stop_on_signal() as stop:
+        for number in range(study.rounds):
+            flown = None if student is None else student.perceptron()
+            for lesson in lessons:
+                if stop.is_set():
+                    break
+                lesson.fly(flown, examples, rng)
+            if stop.is_set():
+                break
+            if student is None:
+                seen = np.concatenate(examples.observations)
+                student = Student(study, seen.mean(axis=0), seen.std(axis=0) + np.float32(1e-3))
+            best = copy.deepcopy(student.state_dict())
+            epochs = study.last_epochs if number + 1 == study.rounds else study.epochs
+            loss = _learn(student, examples, study, epochs, rng, stop.is_set)
+            if stop.is_set():
+                student.load_state_dict(best)
+                break
+            judged = _point(student, study)
+            point = {
+                "steps": float(examples.decisions),
+                "wall_time": time.monotonic() - begun,
+                "loss": loss,
+                "tip_error_rms": interquartile_mean(np.nan_to_num(judged["tip_error_rms"], nan=10)),
+                "residual_rms": interquartile_mean(np.nan_to_num(judged["residual_rms"], nan=10)),
+                "settled": float(np.mean(judged["settled"])),
+            }
+            points.append(point)
+            _save(directory, student, study, points, command, finished=number + 1 == study.rounds)
+            if watch is not None:
+                watch(number, point)
+    if not points:
+        raise RunError(f"{directory}: interrupted before the first round was over")
+    return directory
+
+
+def _save(
+    directory: Path, student: Student, study: Study, points: list[dict[str, float]], command: str,
+    *, finished: bool,
+) -> None:  # fmt: skip
+    with (
+        storage.atomic_path(directory / EVALUATIONS_FILE, overwrite=True) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.DictWriter(stream, list(points[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(points)
+    save_policy(directory, student.perceptron(), describe(study, points, command, finished))
+
+
+def describe(
+    study: Study, points: Sequence[dict[str, float]], command: str, finished: bool
+) -> dict[str, Any]:
+    """Return what travels with the weights of a student."""
+    env = drm_env.DrmEnv(config=study.teaching.config(0))
+    try:
+        config = env.config
+    finally:
+        env.close()
+    return {
+        "env_id": "drm_env/SlewResidual-v0",
+        "config": config_data(config),
+        "control_period": float(config.task.control_period),
+        "observation_layout": [list(e) for e in drm_env.observation_layout(config=config)],
+        "training": {
+            "algorithm": ALGORITHM,
+            "seed": study.seed,
+            "steps": int(points[-1]["steps"]),
+            "wall_time": points[-1]["wall_time"],
+            "finished": finished,
+            "command": command,
+            "hyperparameters": asdict(study),
+            **storage.provenance(),
+        },
+    }

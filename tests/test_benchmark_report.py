@@ -1,0 +1,615 @@
+"""The benchmark's aggregates against values worked out by hand, and what is made of them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+pytest.importorskip("jinja2")
+
+from rich.console import Console
+
+from drm_baselines.benchmark import estimates, report
+from drm_baselines.benchmark.estimates import (
+    Estimate,
+    estimate,
+    estimate_of,
+    judged,
+    multiple,
+    probability_of_improvement,
+    restricted,
+    touching,
+)
+from drm_baselines.benchmark.results import Record, SuiteResult
+from drm_baselines.errors import BaselineError, ExistingResultError
+
+STRATA = ["a"] * 4 + ["b"] * 4
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def record(
+    policy: str,
+    kind: str,
+    tip: ArrayLike,
+    *,
+    title: str | None = None,
+    episodes: Sequence[int] | None = None,
+    **metrics: ArrayLike,
+) -> Record:
+    """A policy with the tip errors of its seeds, shape (s, n) or (n,), in m."""
+    values = np.atleast_2d(np.asarray(tip, dtype=np.float64))
+    places = np.arange(values.shape[1]) if episodes is None else np.asarray(episodes)
+    return Record(
+        policy=policy,
+        title=title or policy,
+        kind=kind,
+        knows="true" if kind == "bound" else "reported",
+        control_period=0.02 if kind == "learned" else 0.002,
+        seeds=list(range(values.shape[0])),
+        episodes=places.astype(np.int64),
+        strata=[STRATA[place % len(STRATA)] for place in places],
+        metrics={
+            "tip_error_rms": values,
+            **{
+                name: np.broadcast_to(np.asarray(item, dtype=np.float64), values.shape).copy()
+                for name, item in metrics.items()
+            },
+        },
+    )
+
+
+def suite(*records: Record, name: str = "robust") -> SuiteResult:
+    return SuiteResult(suite=name, title="made up", records=records)
+
+
+def level(policy: str, kind: str, millimetres: float, seeds: int = 1, **options: Any) -> Record:
+    """A policy whose tip error is the same in all eight episodes."""
+    good: dict[str, Any] = {
+        "residual_rms": 1e-4, "settled": 1.0, "settling_time": 2.0,
+        "final_slew_error": 1e-3, "wheel_effort": 3.0,
+    }  # fmt: skip
+    return record(policy, kind, np.full((seeds, 8), millimetres * 1e-3), **{**good, **options})
+
+
+def field(learned: float = 1.0, **options: Any) -> SuiteResult:
+    """Bound 0.5 mm, a law 6 mm, a tuned law 3 mm, a learned policy; listed the wrong way round."""
+    return suite(
+        level("ppo", "learned", learned, seeds=3, title="PPO", **options),
+        level("tuned", "tuned law", 3.0),
+        level("linear", "law", 6.0),
+        level("none", "open loop", 50.0),
+        level("bound", "bound", 0.5),
+    )
+
+
+# --- estimates ------------------------------------------------------------------------------------
+
+
+def test_interquartile_mean_and_mean_are_over_all_seeds_and_episodes() -> None:
+    # Sorted: 0 1 | 2 3 4 5 | 6 1000; the quarter at each end does not count.
+    found = estimate([[1000, 0, 5, 3], [2, 6, 1, 4]], ["a"] * 4, fraction=False)
+    assert found.iqm == 3.5
+    assert found.mean == 1021 / 8
+    assert (found.seeds, found.episodes) == (2, 4)
+
+
+def test_resampled_statistics_are_those_of_the_repeated_values() -> None:
+    # 3 seeds x 5 episodes: 15 values, of which 3 are cut from each end, not 3.75.
+    values = np.random.default_rng(1).lognormal(size=(3, 5))
+    by_seed = np.array([[1, 1, 1], [0, 3, 0], [2, 0, 1]], dtype=np.int32)
+    by_episode = np.array([[1, 1, 1, 1, 1], [2, 0, 1, 2, 0], [0, 5, 0, 0, 0]], dtype=np.int32)
+    trimmed, plain = estimates._statistics(values, by_seed, by_episode)
+    for place in range(3):
+        repeated = np.repeat(np.repeat(values, by_seed[place], 0), by_episode[place], 1).ravel()
+        assert trimmed[place] == pytest.approx(stats.trim_mean(repeated, 0.25), rel=1e-14)
+        assert plain[place] == pytest.approx(repeated.mean(), rel=1e-14)
+
+
+def test_interval_covers_the_truth_about_as_often_as_it_says() -> None:
+    # Symmetric about 3, so that the interquartile mean estimates 3. 200 samples: the covers are
+    # binomial around 190 with a deviation of 3, bar the bootstrap's own narrowness.
+    rng = np.random.default_rng(11)
+    covered = 0
+    for trial in range(200):
+        values = rng.normal(3.0, 1.0, size=(1, 60))
+        low, high = estimate(values, ["a"] * 60, fraction=False, seed=trial, resamples=500).ci95
+        covered += low <= 3.0 <= high
+    assert 175 <= covered <= 199
+
+
+def test_training_seeds_that_differ_widen_the_interval() -> None:
+    episodes = np.random.default_rng(2).normal(10.0, 0.1, size=(1, 80))
+    alike = np.repeat(episodes, 5, axis=0)
+    differing = alike + np.linspace(-2.0, 2.0, 5)[:, None]
+    widths = [
+        np.ptp(estimate(values, ["a"] * 80, fraction=False).ci95) for values in (alike, differing)
+    ]
+    assert widths[1] > 10.0 * widths[0]
+
+
+def test_strata_keep_their_share_in_every_resample() -> None:
+    # Within a stratum all values are equal: nothing is left to chance.
+    values = [[1.0] * 4 + [5.0] * 4]
+    found = estimate(values, STRATA, fraction=False)
+    assert (found.iqm, found.ci95, found.mean_ci95) == (3.0, (3.0, 3.0), (3.0, 3.0))
+    low, high = estimate(values, ["a"] * 8, fraction=False).ci95
+    assert low < 3.0 < high
+
+
+def test_single_seed_and_episode_have_a_point_for_an_interval() -> None:
+    found = estimate([[0.25]], ["a"], fraction=False)
+    assert (found.iqm, found.mean, found.ci95, found.mean_ci95) == (
+        0.25, 0.25, (0.25, 0.25), (0.25, 0.25),
+    )  # fmt: skip
+
+
+def test_diverged_episodes_reach_the_mean_but_not_the_middle() -> None:
+    found = estimate([[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, math.inf]], ["a"] * 8, fraction=False)
+    assert found.iqm == 4.5
+    assert found.mean == math.inf
+    assert found.ci95[1] == math.inf
+    assert 1.0 < found.ci95[0] < 4.5
+
+
+def test_one_diverged_flight_in_ten_thousand_makes_the_mean_infinite() -> None:
+    values = np.ones((10, 1000))
+    values[3, 77] = math.inf
+    found = estimate(values, ["a"] * 1000, fraction=False)
+    assert (found.iqm, found.ci95) == (1.0, (1.0, 1.0))
+    assert found.mean == math.inf
+
+
+def test_headline_of_a_fraction_is_its_mean() -> None:
+    values = [[1.0] * 7 + [0.0]]
+    found = estimate(values, ["a"] * 8, fraction=True)
+    assert found.iqm == 1.0
+    assert found.value == 0.875
+    assert found.interval == found.mean_ci95
+    assert estimate(values, ["a"] * 8, fraction=False).value == 1.0
+
+
+def test_same_values_give_the_same_interval_and_another_seed_another() -> None:
+    values = np.random.default_rng(0).normal(size=(3, 40))
+    first = estimate(values, ["a"] * 40, fraction=False)
+    # what an earlier call left behind has no part in it
+    estimates._resampled.cache_clear()
+    assert estimate(values.copy(), ["a"] * 40, fraction=False) == first
+    assert estimate(values, ["a"] * 40, fraction=False, seed=1).ci95 != first.ci95
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0, 2.0], "shape"),
+        (np.empty((0, 2)), "shape"),
+        ([[1.0, 2.0, 3.0]], "2 strata for 3 episodes"),
+        ([[1.0, math.nan]], "NaN"),
+    ],
+)
+def test_values_that_cannot_be_aggregated_are_refused(values: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        estimate(values, ["a", "a"], fraction=False)
+
+
+def test_censored_signed_and_diverged_values_are_judged() -> None:
+    flown = record(
+        "p", "law", [[0.1, math.nan]],
+        settling_time=[[math.nan, 4.0]], duration=[[30.0, 30.0]], slew_end_time=[[12.0, 12.0]],
+        final_slew_error=[[-0.5, 0.25]], settled=[[math.nan, 1.0]], episode_return=[[math.nan, 2]],
+    )  # fmt: skip
+    assert judged(flown, "settling_time").tolist() == [[18.0, 4.0]]
+    assert judged(flown, "final_slew_error").tolist() == [[0.5, 0.25]]
+    assert judged(flown, "tip_error_rms").tolist() == [[0.1, math.inf]]
+    assert judged(flown, "episode_return").tolist() == [[-math.inf, 2.0]]
+    with pytest.raises(BaselineError, match="no metric 'speed'"):
+        judged(flown, "speed")
+
+
+def test_improvement_counts_all_pairs_of_seeds_and_ties_half() -> None:
+    # Episode 1: 1 and 3 against 2: one of two pairs. Episode 2: a tie and a loss.
+    found = probability_of_improvement([[1.0, 5.0], [3.0, 6.0]], [[2.0, 5.0]], ["a", "b"])
+    assert found.value == (1.0 + 0.0 + 0.5 + 0.0) / 4.0
+    assert found.episodes == 2
+    # The strata hold an episode each; of the seeds, both may be the better or the worse one.
+    assert found.ci95 == (0.0, 0.75)
+
+
+def test_improvement_follows_the_direction_of_the_metric() -> None:
+    low, high = [[0.0, 0.0, 1.0]], [[1.0, 1.0, 1.0]]
+    strata = ["a"] * 3
+    assert probability_of_improvement(low, high, strata).value == pytest.approx(2.5 / 3.0)
+    upward = probability_of_improvement(low, high, strata, higher_is_better=True)
+    assert upward.value == pytest.approx(0.5 / 3.0)
+
+
+def test_two_diverged_flights_are_a_tie() -> None:
+    found = probability_of_improvement([[math.inf]], [[math.inf]], ["a"])
+    assert (found.value, found.ci95) == (0.5, (0.5, 0.5))
+
+
+def test_multiple_is_over_common_episodes_whatever_their_order() -> None:
+    # The bound was solved for episodes 5 and 2 only; the policy takes ten times as much there.
+    policy = record("p", "law", [[900, 900, 20, 900, 900, 50, 900, 900]])
+    bound = record("bound", "bound", [[5.0, 2.0]], episodes=[5, 2])
+    found = multiple(policy, bound, "tip_error_rms")
+    assert (found.value, found.episodes) == (10.0, 2)
+    assert found.ci95 == pytest.approx((10.0, 10.0))
+
+
+def test_multiple_draws_the_same_episodes_for_both() -> None:
+    # The figures spread over a decade, their ratio does not.
+    tip = np.random.default_rng(4).lognormal(size=(1, 8))
+    found = multiple(record("p", "law", 3.0 * tip), record("bound", "bound", tip), "tip_error_rms")
+    assert found.ci95 == pytest.approx((3.0, 3.0))
+
+
+def test_multiple_of_what_is_infinite_or_nothing() -> None:
+    def ratio(above: float, below: float) -> float:
+        first, second = record("p", "law", [[above]]), record("q", "law", [[below]])
+        return multiple(first, second, "tip_error_rms").value
+
+    assert ratio(math.inf, 2.0) == math.inf
+    assert ratio(2.0, math.inf) == 0.0
+    assert ratio(1.0, 0.0) == math.inf
+    assert ratio(0.0, 0.0) == 1.0
+
+
+def test_records_without_a_common_episode_are_not_compared() -> None:
+    first = record("p", "law", [[1.0, 2.0]])
+    second = record("q", "law", [[1.0, 2.0]], episodes=[6, 7])
+    with pytest.raises(BaselineError, match="no episode in common"):
+        multiple(first, second, "tip_error_rms")
+
+
+def test_records_of_different_strata_are_not_compared() -> None:
+    first = record("p", "law", [[1.0, 2.0]])
+    second = Record(**{**vars(first), "policy": "q", "strata": ["b", "b"]})
+    with pytest.raises(BaselineError, match="different suites"):
+        multiple(first, second, "tip_error_rms")
+
+
+def test_restricted_record_keeps_its_order() -> None:
+    kept = restricted(record("p", "law", [[7.0, 3.0, 5.0]], episodes=[7, 3, 5]), [5, 7, 0])
+    assert kept.episodes.tolist() == [7, 5]
+    assert kept.metrics["tip_error_rms"].tolist() == [[7.0, 5.0]]
+    assert kept.strata == ["b", "b"]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "touch"),
+    [((0, 1), (1, 2), True), ((0, 1), (1.5, 2), False), ((0, 9), (3, 4), True)],
+)
+def test_intervals_touch_when_they_share_a_point(
+    first: tuple[float, float], second: tuple[float, float], touch: bool
+) -> None:
+    a, b = (
+        Estimate(iqm=0, mean=0, ci95=ends, mean_ci95=(50, 60), seeds=1, episodes=1)
+        for ends in (first, second)
+    )
+    assert touching(a, b) is touch
+    assert touching(b, a) is touch
+
+
+# --- JSON -----------------------------------------------------------------------------------------
+
+
+def test_summary_holds_the_aggregates_in_si() -> None:
+    content = report.summary(field())
+    assert content["format"] == "drm-benchmark"
+    assert content["format_version"] == 1
+    assert (content["suite"], content["episodes"]) == ("robust", 8)
+    assert list(content["policies"]) == ["bound", "none", "linear", "tuned", "ppo"]
+    learned = content["policies"]["ppo"]
+    assert {key: learned[key] for key in ("title", "kind", "knows", "control_period", "seeds")} == {
+        "title": "PPO", "kind": "learned", "knows": "reported", "control_period": 0.02,
+        "seeds": [0, 1, 2],
+    }  # fmt: skip
+    assert learned["tip_error_rms"] == {
+        "iqm": pytest.approx(1e-3), "mean": pytest.approx(1e-3),
+        "ci95": pytest.approx([1e-3, 1e-3]), "mean_ci95": pytest.approx([1e-3, 1e-3]),
+    }  # fmt: skip
+    assert learned["multiple_of_bound"]["value"] == pytest.approx(2.0)
+    assert learned["probability_of_improvement"] == {
+        "over": "tuned", "value": 1.0, "ci95": [1.0, 1.0], "episodes": 8,
+    }  # fmt: skip
+    assert content["policies"]["bound"]["tip_error_rms"]["iqm"] == pytest.approx(0.5e-3)
+
+
+def test_summary_is_strict_json_even_where_episodes_diverged() -> None:
+    result = suite(record("p", "law", [[1.0] * 7 + [math.nan]]))
+    text = json.dumps(report.summary(result), allow_nan=False)
+    entry = json.loads(text)["policies"]["p"]
+    assert entry["tip_error_rms"]["mean"] is None
+    assert entry["tip_error_rms"]["iqm"] == 1.0
+    assert entry["multiple_of_bound"] is None
+    assert entry["probability_of_improvement"] is None
+
+
+def test_improvement_is_over_the_best_of_the_tuned_laws() -> None:
+    result = suite(
+        level("a", "tuned law", 3.0), level("b", "tuned law", 2.0), level("c", "law", 1.0)
+    )
+    entries = report.summary(result)["policies"]
+    assert {entry["probability_of_improvement"]["over"] for entry in entries.values()} == {"b"}
+    assert entries["a"]["probability_of_improvement"]["value"] == 0.0
+
+
+def test_two_records_of_one_policy_or_an_unknown_kind_are_refused() -> None:
+    with pytest.raises(BaselineError, match="two records of 'p'"):
+        report.summary(suite(level("p", "law", 1.0), level("p", "law", 2.0)))
+    with pytest.raises(BaselineError, match="kind 'magic'"):
+        report.summary(suite(level("p", "magic", 1.0)))
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def cells(markdown: str) -> list[list[str]]:
+    lines = [line for line in markdown.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_table_has_a_row_a_policy_the_bound_first() -> None:
+    rows = cells(report.markdown_table(field()))
+    assert [row[0] for row in rows] == ["policy", "bound", "none", "linear", "tuned", "PPO"]
+    assert dict(zip(rows[0], rows[-1], strict=True)) == {
+        "policy": "PPO",
+        "knows": "reported",
+        "decides every (ms)": "20",
+        "seeds": "3",
+        "tip error RMS (mm)": "1.00 [1.00, 1.00]",
+        "times the bound": "2.00 [2.00, 2.00]",
+        "residual vibration RMS (mm)": "0.100",
+        "settled (%)": "100",
+        "settling time (s)": "2.00",
+        "final slew error (deg)": "0.0573",
+        "wheel effort (s)": "3.00",
+    }
+
+
+def test_micrometres_are_not_shown_as_nothing() -> None:
+    row = cells(report.markdown_table(suite(level("bound", "bound", 0.001234))))[1]
+    assert row[4] == "0.00123 [0.00123, 0.00123]"
+
+
+def test_metrics_that_a_record_lacks_are_dashes() -> None:
+    row = cells(report.markdown_table(suite(record("p", "law", [[1e-3] * 8]))))[1]
+    assert row[5:] == ["-"] * 6
+
+
+def test_note_names_the_policy_with_fewer_episodes() -> None:
+    few = record("bound", "bound", [[1e-3, 1e-3]], title="programme")
+    text = report.markdown_table(suite(few, level("linear", "law", 3.0)))
+    assert "- programme: 2 of these 8 episodes" in text
+    assert "linear: " not in text
+    assert "These are 8 of the 1000 episodes of the suite." in text
+
+
+def test_terminal_table_shows_brackets_as_they_are() -> None:
+    result = suite(level("p", "law", 2.0, title="[b]law[/b]"), level("bound", "bound", 1.0))
+    console = Console(width=220)
+    with console.capture() as capture:
+        console.print(report.terminal_table(result))
+    text = capture.get()
+    assert "[b]law[/b]" in text
+    assert "[2.00, 2.00]" in text
+
+
+def test_degradation_has_a_column_a_suite() -> None:
+    robust = suite(level("p", "law", 2.0), level("ppo", "learned", 1.0))
+    heavy = suite(level("p", "law", 8.0), record("bound", "bound", [[0.5e-3]]), name="heavy")
+    text = report.degradation_table([robust, heavy])
+    assert cells(text) == [
+        ["policy", "robust", "heavy"],
+        ["bound", "-", "0.500 \\*"],
+        ["p", "2.00", "8.00"],
+        ["ppo", "1.00", "-"],
+    ]
+    assert text.endswith("\\* on fewer episodes than the others.")
+
+
+# --- targets --------------------------------------------------------------------------------------
+
+
+def met(result: SuiteResult) -> list[bool]:
+    return [reached for _, reached in report.targets(result)]
+
+
+def test_all_targets_of_robust_are_met_and_state_their_numbers() -> None:
+    found = report.targets(field(learned=0.9))
+    assert [reached for _, reached in found] == [True] * 6
+    first, second = found[0][0], found[1][0]
+    assert "0.300 [0.300, 0.300] times tuned" in first and "at most 0.333" in first
+    assert "1.80 [1.80, 1.80] times bound" in second and "at most 3" in second
+
+
+@pytest.mark.parametrize(
+    ("options", "missed"),
+    [
+        ({"learned": 1.1}, 0),
+        ({"learned": 4.0}, 0),
+        ({"learned": 1.6}, 1),
+        ({"learned": 3.0}, 2),
+        ({"learned": 3.1}, 2),
+        ({"residual_rms": 2e-4}, 3),
+        ({"settled": 0.5}, 4),
+        ({"final_slew_error": -2e-3}, 5),
+    ],
+)
+def test_each_target_of_robust_can_be_missed(options: Mapping[str, Any], missed: int) -> None:
+    assert not met(field(**{"learned": 0.9, **options}))[missed]
+
+
+def test_best_learned_policy_is_the_one_of_all_its_seeds() -> None:
+    # One brilliant seed of three does not make the algorithm the best one.
+    lucky = np.full((3, 8), 20e-3)
+    lucky[0] = 1e-6
+    result = suite(
+        level("steady", "learned", 0.9, seeds=3), record("lucky", "learned", lucky),
+        level("tuned", "tuned law", 3.0), level("bound", "bound", 0.5),
+    )  # fmt: skip
+    assert "steady" in report.targets(result)[0][0]
+
+
+def test_best_policy_follows_the_direction_of_the_metric() -> None:
+    result = suite(level("a", "law", 2.0, settled=1.0), level("b", "law", 1.0, settled=0.5))
+    chosen = [report.best(result, "law", name=name) for name in ("tip_error_rms", "settled")]
+    assert [found.policy for found in chosen if found is not None] == ["b", "a"]
+    assert report.best(result, "learned") is None
+
+
+def test_without_somebody_to_compare_with_no_target_is_met() -> None:
+    assert met(suite(level("tuned", "tuned law", 3.0))) == [False]
+    assert met(suite(level("ppo", "learned", 1.0))) == [False, False]
+
+
+def test_targets_of_thesis_are_about_every_headline_metric_and_the_best_law_in_it() -> None:
+    laws = (
+        level("linear", "law", 6.0, wheel_effort=1.0), level("tuned", "tuned law", 3.0),
+    )  # fmt: skip
+    learned = level("ppo", "learned", 2.0, seeds=2, wheel_effort=2.0)
+    found = report.targets(suite(*laws, learned, name="thesis"))
+    assert [reached for _, reached in found] == [True] * 5 + [False]
+    assert "ppo (2.00 [2.00, 2.00] s) is worse than linear (1.00 [1.00, 1.00] s)" in found[-1][0]
+    assert report.targets(suite(*laws, learned, name="heavy")) == []
+
+
+def test_restricted_result_drops_who_flew_none_of_the_episodes() -> None:
+    result = suite(level("p", "law", 2.0), record("bound", "bound", [[1.0]]))
+    kept = report.restricted_result(result, [3, 4])
+    assert [(found.policy, found.episodes.tolist()) for found in kept.records] == [("p", [3, 4])]
+
+
+# --- figures, page, Markdown ----------------------------------------------------------------------
+
+
+def curve(values: Sequence[float]) -> NDArray[np.float64]:
+    count = len(values)
+    return np.column_stack([np.arange(count) * 1e5, np.arange(count) * 30.0, values])
+
+
+def test_figures_are_drawn_even_of_diverged_and_missing_policies(tmp_path: Path) -> None:
+    result = suite(
+        level("bound", "bound", 1e-3), level("p", "law", 3.0),
+        record("q", "law", [[math.nan] * 8]), record("r", "learned", [[1e-3] * 7 + [math.nan]]),
+    )  # fmt: skip
+    other = suite(level("p", "law", 8.0), name="heavy")
+    bands = {"law": estimate_of(result.records[1], "tip_error_rms")}
+    curves = {"PPO": [curve([0.1, 0.01, 0.005]), curve([math.inf, 0.02])]}
+    files = [
+        report.plot_suite(result, tmp_path / "suite.png"),
+        report.plot_profiles(result, tmp_path / "profiles.png"),
+        report.plot_degradation([result, other], tmp_path / "degradation.png"),
+        report.plot_curves(curves, bands, tmp_path / "curves.png"),
+    ]
+    assert [file.read_bytes()[:8] for file in files] == [PNG] * 4
+    with pytest.raises(ExistingResultError):
+        report.plot_suite(result, tmp_path / "suite.png")
+
+
+def test_thick_line_is_the_middle_of_the_seeds_where_all_were_evaluated() -> None:
+    runs = [curve([4.0, 2.0, 1.0]), curve([8.0, 4.0]), curve([math.inf, 6.0, 0.5])]
+    places, middle = report._between_seeds(runs, 0)
+    assert places.tolist() == [0.0, 1e5]
+    # Of three values none is cut: the diverged evaluation leaves a gap.
+    assert math.isnan(middle[0])
+    assert middle[1] == 4.0
+
+
+def test_curves_of_another_shape_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"'PPO' has shape \(3, 2\)"):
+        report.plot_curves({"PPO": [np.ones((3, 2))]}, {}, tmp_path / "curves.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+VOID = {"meta", "img", "link", "br", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Checks that elements nest; gathers tags, texts and sources."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.sources: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_page_is_well_formed_escaped_and_needs_no_other_file(tmp_path: Path) -> None:
+    picture = tmp_path / "suite.png"
+    picture.write_bytes(PNG)
+    result = suite(
+        level("ppo", "learned", 1.0, title="<b>PPO</b> & co"), level("tuned", "tuned law", 3.0)
+    )
+    heavy = suite(level("tuned", "tuned law", 9.0), name="heavy")
+    path = report.write_page([result, heavy], tmp_path / "page.html", {"a <i>figure</i>": picture})
+    page = Page()
+    page.feed(path.read_text(encoding="utf-8"))
+    page.close()
+    assert page.open == []
+    assert not {"b", "i"} & set(page.tags)
+    assert "<b>PPO</b> & co" in page.text and "a <i>figure</i>" in page.text
+    assert page.sources == ["data:image/png;base64,iVBORw0KGgo="]
+    # two suites and what happens from one to the other
+    assert page.tags.count("table") == 3
+    assert "1.00 [1.00, 1.00]" in page.text
+    assert "not met" in page.text
+
+
+def test_page_without_its_figure_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(BaselineError, match=r"gone\.png cannot be read"):
+        report.write_page([field()], tmp_path / "page.html", {"x": tmp_path / "gone.png"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_injection_replaces_what_is_between_the_markers_only(tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    path.write_text("a\n<!-- benchmark:x -->\nold\n<!-- /benchmark:x -->\nb\n")
+    for _ in range(2):
+        report.inject(path, "x", "\nnew \\1\n")
+        assert path.read_text() == ("a\n<!-- benchmark:x -->\nnew \\1\n<!-- /benchmark:x -->\nb\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "nothing\n",
+        "<!-- benchmark:x -->\n",
+        "<!-- /benchmark:x -->\n<!-- benchmark:x -->\n",
+        "<!-- benchmark:x --> <!-- /benchmark:x -->" * 2,
+        "<!-- benchmark:y --> <!-- /benchmark:y -->",
+    ],
+)
+def test_injection_refuses_missing_or_damaged_markers(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "README.md"
+    path.write_text(text)
+    with pytest.raises(BaselineError, match="expected '<!-- benchmark:x -->'"):
+        report.inject(path, "x", "new")
+    assert path.read_text() == text
+
+
+def test_injection_into_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BaselineError, match="cannot be read"):
+        report.inject(tmp_path / "README.md", "x", "new")

@@ -1,0 +1,452 @@
+"""``drm tune``: searches finish, repeat to the digit and go on where they stopped; laws fly."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import signal
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import drm_env
+from drm_baselines import hyperparameters
+from drm_baselines.benchmark import regulator, suites, tuning
+from drm_baselines.benchmark.tuning import GAINS, LEARNING, LawRequest, tune_law
+from drm_baselines.cli import app
+from drm_baselines.errors import BaselineError, ExistingResultError
+from drm_baselines.evaluation import TRAINING_SEED
+from drm_baselines.statistics import interquartile_mean
+
+optuna = pytest.importorskip("optuna")
+
+SCENARIOS = 16
+
+
+def request(law: str = "linear", **changes: Any) -> LawRequest:
+    return dataclasses.replace(LawRequest(law=law, scenarios=SCENARIOS, trials=3), **changes)
+
+
+def drm(*arguments: str | Path | float) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def tiny(law: str, out: Path, *more: str | float) -> Result:
+    return drm("tune", law, "--scenarios", SCENARIOS, "--trials", 3, "--out", out, *more)
+
+
+def rows(directory: Path) -> list[dict[str, str]]:
+    """The record of a search without what differs from run to run."""
+    with (directory / "trials.csv").open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    for row in table:
+        del row["seconds"]
+    return table
+
+
+def flown_anew(law: Any) -> float:
+    """The objective by hand."""
+    scenarios = [
+        scenario
+        for stratum in range(4)
+        for scenario in drm_env.sample_scenarios(
+            config=suites.SUITES["robust"].stratum_config(stratum),
+            seed=TRAINING_SEED + 500_000_000 + 4 * stratum,
+            n=4,
+        )
+    ]
+    metrics = drm_env.rollout(scenarios, law=law)
+    assert not metrics["diverged"].any()
+    return 1e3 * interquartile_mean(metrics["tip_error_rms"])
+
+
+@pytest.mark.parametrize("law", GAINS)
+def test_a_search_finishes_and_its_law_flies(tmp_path: Path, law: str) -> None:
+    outcome = tune_law(tmp_path / "new" / law, request(law))
+    assert (outcome.found, outcome.interrupted) == (0, False)
+    content = json.loads((tmp_path / "new" / law / "gains.json").read_text())
+    assert (content["format"], content["name"]) == ("drm-gains", law)
+    assert content["trials"]["count"] == 3
+    assert content["parameters"].keys() == {dimension.name for dimension in GAINS[law]}
+    assert flown_anew(content["law"]) == content["objective"]["value"]
+    table = rows(tmp_path / "new" / law)
+    assert [row["number"] for row in table] == ["0", "1", "2"]
+    values = [float(row["value"]) for row in table if row["state"] == "complete"]
+    assert min(values) == content["objective"]["value"]
+    for row in table:
+        assert all(dimension.holds(float(row[dimension.name])) for dimension in GAINS[law])
+
+
+@pytest.mark.parametrize("law", ["linear", "lyapunov"])
+def test_the_first_trial_is_the_law_of_the_thesis(tmp_path: Path, law: str) -> None:
+    outcome = tune_law(tmp_path, request(law, trials=1))
+    assert flown_anew(law) == outcome.content["objective"]["value"]
+    assert outcome.content["objective"]["first"] == outcome.content["objective"]["value"]
+    assert float(rows(tmp_path)[0]["value"]) == outcome.content["objective"]["value"]
+
+
+def test_the_budget_is_what_was_flown(tmp_path: Path) -> None:
+    budget = tune_law(tmp_path, request()).content["budget"]
+    assert budget["episodes"] == 3 * SCENARIOS
+    assert budget["simulated_seconds"] == pytest.approx(3 * SCENARIOS * suites.HORIZON)
+    assert budget["integrator_steps"] == 3 * SCENARIOS * suites.HORIZON / 5e-4
+
+
+def test_a_seed_repeats_its_search_to_the_digit(tmp_path: Path) -> None:
+    # beyond the ten trials that TPE draws at random
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        tune_law(tmp_path / name, request(trials=14, seed=seed))
+    assert rows(tmp_path / "a") == rows(tmp_path / "b")
+    assert rows(tmp_path / "a")[1:] != rows(tmp_path / "c")[1:]
+
+
+def test_a_search_goes_on_to_the_same_digits(tmp_path: Path) -> None:
+    whole = tune_law(tmp_path / "whole", request(trials=14))
+    tune_law(tmp_path / "parts", request(trials=12))
+    journal = (tmp_path / "parts" / "journal.log").read_bytes()
+    before = rows(tmp_path / "parts")
+    outcome = tune_law(tmp_path / "parts", request(trials=14))
+    assert outcome.found == 12
+    assert (tmp_path / "parts" / "journal.log").read_bytes().startswith(journal)
+    assert rows(tmp_path / "parts")[:12] == before
+    assert rows(tmp_path / "parts") == rows(tmp_path / "whole")
+    assert outcome.content["law"] == whole.content["law"]
+    assert outcome.content["budget"]["episodes"] == whole.content["budget"]["episodes"]
+
+
+@pytest.mark.parametrize("at", [0, 2])
+def test_an_interruption_keeps_what_is_there(tmp_path: Path, at: int) -> None:
+    def interrupt(label: str, done: int, total: int, note: str) -> None:
+        if done == at:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    if at == 0:
+        with pytest.raises(BaselineError, match="interrupted before"):
+            tune_law(tmp_path / "parts", request(trials=4), progress=interrupt)
+    else:
+        outcome = tune_law(tmp_path / "parts", request(trials=4), progress=interrupt)
+        assert outcome.interrupted
+        assert outcome.content["trials"]["count"] == at
+        with pytest.raises(BaselineError, match="interrupted"):
+            tuning.package(outcome)
+    assert len(rows(tmp_path / "parts")) == at
+    assert tune_law(tmp_path / "parts", request(trials=4)).found == at
+    tune_law(tmp_path / "whole", request(trials=4))
+    assert rows(tmp_path / "parts") == rows(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["in the first trial", "later"])
+def test_a_killed_process_costs_one_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: bool
+) -> None:
+    class Killed(BaseException):
+        pass
+
+    fly, flown = tuning.fly, 0
+
+    def killing(law: Mapping[str, Any], scenarios: Any) -> tuning.Verdict:
+        nonlocal flown
+        flown += 1
+        if flown == (1 if first else 3):
+            raise Killed
+        return fly(law, scenarios)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tuning, "fly", killing)
+        # the process is gone before it can say that its trial failed
+        patch.setattr(optuna.study.Study, "tell", _unless_failed(optuna.study.Study.tell))
+        with pytest.raises(Killed):
+            tune_law(tmp_path / "parts", request(trials=4))
+    with (tmp_path / "parts" / "journal.log").open("ab") as stream:
+        stream.write(b'{"op_code":6,"wor')
+    assert tune_law(tmp_path / "parts", request(trials=4)).found == (0 if first else 2)
+    tune_law(tmp_path / "whole", request(trials=4))
+    assert rows(tmp_path / "parts") == rows(tmp_path / "whole")
+
+
+def _unless_failed(tell: Any) -> Any:
+    def quiet(self: Any, *arguments: Any, **options: Any) -> Any:
+        if options.get("state") != optuna.trial.TrialState.FAIL:
+            tell(self, *arguments, **options)
+
+    return quiet
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"law": "lyapunov"}, "law 'linear', not 'lyapunov'"),
+        ({"suite": "heavy"}, "suite 'robust', not 'heavy'"),
+        ({"scenarios": 8}, "scenarios 16, not 8"),
+        ({"seed": 1}, "seed 0, not 1"),
+    ],
+)
+def test_changed_settings_are_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    tune_law(tmp_path, request(trials=1))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(BaselineError, match=message):
+        tune_law(tmp_path, request(**change))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert tune_law(tmp_path, request(**change), force=True).found == 0
+
+
+def test_a_changed_space_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tune_law(tmp_path, request(trials=1))
+    wider = dataclasses.replace(GAINS["linear"][0], high=1e6)
+    monkeypatch.setitem(tuning.GAINS, "linear", (wider, *GAINS["linear"][1:]))
+    with pytest.raises(BaselineError, match="in its space"):
+        tune_law(tmp_path, request(trials=2))
+
+
+def test_other_results_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(ExistingResultError, match="not empty"):
+        tune_law(tmp_path, request())
+    tune_law(tmp_path, request(trials=1), force=True)
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+
+
+def test_two_searches_do_not_share_a_directory(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    refused = []
+
+    def second(label: str, done: int, total: int, note: str) -> None:
+        with pytest.raises(BaselineError, match="another search runs"):
+            tune_law(tmp_path, request())
+        refused.append(done)
+
+    tune_law(tmp_path, request(trials=1), progress=second)
+    assert refused == [0, 1]
+
+
+def test_an_impossible_design_is_a_pruned_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scheduled, designs = regulator.scheduled_law, 0
+
+    def failing(weights: Mapping[str, float]) -> dict[str, Any]:
+        nonlocal designs
+        designs += 1
+        if designs in (1, 3):
+            raise BaselineError("no regulator for 50.0 kg")
+        return scheduled(weights)
+
+    monkeypatch.setattr(regulator, "scheduled_law", failing)
+    outcome = tune_law(tmp_path, request("lqr"))
+    assert [row["state"] for row in rows(tmp_path)] == ["pruned", "complete", "pruned"]
+    assert rows(tmp_path)[0]["reason"] == "no regulator for 50.0 kg"
+    assert outcome.content["trials"] == {"count": 3, "pruned": 2, "best": 1}
+
+
+def test_no_design_at_all_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(weights: Mapping[str, float]) -> dict[str, Any]:
+        raise BaselineError("no regulator for 50.0 kg")
+
+    monkeypatch.setattr(regulator, "scheduled_law", failing)
+    with pytest.raises(BaselineError, match="no trial that flew: no regulator for 50"):
+        tune_law(tmp_path, request("lqr"))
+    assert len(rows(tmp_path)) == 3
+
+
+def test_lost_manoeuvres_count_ten_metres(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenarios = [{"sample_period": 2e-3, "integrator_step": 5e-4}] * 4
+    metrics = {
+        "tip_error_rms": np.array([0.1, np.nan, 0.3, np.inf]),
+        "diverged": np.array([0.0, 0.0, 1.0, 0.0]),
+        "duration": np.full(4, 0.1),
+    }
+    monkeypatch.setattr(drm_env, "rollout", Mock(return_value=metrics))
+    verdict = tuning.fly({"name": "linear"}, scenarios)
+    assert verdict.value == 1e3 * interquartile_mean([0.1, 10.0, 10.0, 10.0])
+    assert verdict.cost["diverged"] == 3
+    assert verdict.cost["integrator_steps"] == 4 * 200
+
+
+def test_the_manoeuvres_are_those_of_training() -> None:
+    draw = tuning.training_scenarios("robust", 400)
+    seeds = [
+        seed
+        for row in draw.strata
+        for seed in range(row["first_seed"], row["first_seed"] + row["count"])
+    ]
+    assert seeds == list(range(1_500_000_000, 1_500_000_400))
+    assert min(seeds) >= TRAINING_SEED > suites.SUITE_SEED
+    masses = {scenario["payload"]["mass"] for scenario in draw.scenarios}
+    of_suite = {scenario["payload"]["mass"] for scenario in suites.load("robust").scenarios}
+    assert len(masses) == 400
+    assert not masses & of_suite
+    for number in (0, 2, 402):
+        with pytest.raises(BaselineError, match="multiple of 4"):
+            tuning.training_scenarios("robust", number)
+    with pytest.raises(BaselineError, match="lists its manoeuvres"):
+        tuning.training_scenarios("thesis", 4)
+    with pytest.raises(BaselineError, match="no suite 'nonsense'"):
+        tuning.training_scenarios("nonsense", 4)
+
+
+@pytest.mark.parametrize("law", GAINS)
+def test_packaged_gains_fly_better_than_the_first_trial(law: str) -> None:
+    content = tuning.load_gains(law)
+    objective = content["objective"]
+    assert objective["first"] is None or objective["value"] < objective["first"]
+    assert tuning.law_of(law, content["parameters"]).keys() == content["law"].keys()
+    assert flown_anew(content["law"]) < (flown_anew("linear") if law == "lqr" else flown_anew(law))
+    assert "/" not in " ".join(content["provenance"]["command"])
+
+
+def test_missing_gains_say_how_to_make_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tuning, "resources", Mock(files=Mock(return_value=tmp_path)))
+    with pytest.raises(BaselineError, match="drm tune lqr --package makes them"):
+        tuning.load_gains("lqr")
+    (tmp_path / "gains").mkdir()
+    (tmp_path / "gains" / "lqr.json").write_text("[]")
+    with pytest.raises(BaselineError, match="not of format"):
+        tuning.load_gains("lqr")
+    (tmp_path / "gains" / "lqr.json").write_text("{")
+    with pytest.raises(BaselineError, match="cannot be read"):
+        tuning.load_gains("lqr")
+    with pytest.raises(BaselineError, match="'pid' cannot be tuned"):
+        tuning.load_gains("pid")
+
+
+def test_packaging_makes_what_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tuning, "__file__", str(tmp_path / "tuning.py"))
+    result = tiny("linear", tmp_path / "out", "--package")
+    assert result.exit_code == 0, result.output
+    monkeypatch.setattr(tuning, "resources", Mock(files=Mock(return_value=tmp_path)))
+    assert tuning.load_gains("linear") == json.loads((tmp_path / "out" / "gains.json").read_text())
+
+
+def test_the_command_tells_what_it_found(tmp_path: Path) -> None:
+    result = tiny("linear", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "root.rate_gain" in result.stdout
+    assert "trial" in result.stdout
+    assert "went on" not in result.stderr
+    again = tiny("linear", tmp_path, "--json")
+    assert again.exit_code == 0, again.output
+    assert "3 trials were there, 0 are new" in " ".join(again.stderr.split())
+    content = json.loads(again.stdout)
+    assert content == json.loads((tmp_path / "gains.json").read_text())
+    assert content["command"] == "drm tune linear --suite robust --scenarios 16 --trials 3 --seed 0"
+
+
+def test_ctrl_c_ends_the_command_with_a_way_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fly = tuning.fly
+
+    def interrupting(law: Mapping[str, Any], scenarios: Any) -> tuning.Verdict:
+        os.kill(os.getpid(), signal.SIGINT)
+        return fly(law, scenarios)
+
+    monkeypatch.setattr(tuning, "fly", interrupting)
+    result = tiny("linear", tmp_path)
+    assert result.exit_code == 130, result.output
+    assert "interrupted after 1 trials; go on with: drm tune linear" in result.stderr
+    assert len(rows(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["pid"], "'pid' cannot be tuned; there are linear, lyapunov, lqr, ppo, sac"),
+        (["linear", "--steps", "5"], "--steps means nothing for linear"),
+        (["ppo", "--suite", "robust"], "--suite means nothing for ppo"),
+        (["sac", "--package"], "--package means nothing for sac"),
+        (["linear", "--scenarios", "6"], "multiple of 4"),
+        (["linear", "--suite", "thesis"], "lists its manoeuvres"),
+    ],
+)
+def test_what_cannot_be_is_one_clear_line(
+    tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    result = drm("tune", *arguments, "--out", tmp_path / "out")
+    assert result.exit_code == 2, result.output
+    assert message in " ".join(result.stderr.split())
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_names_every_option() -> None:
+    result = drm("tune", "--help")
+    assert result.exit_code == 0
+    for option in ("--suite", "--scenarios", "--trials", "--steps", "--seed", "--out", "--package"):
+        assert option in result.stdout
+
+
+@pytest.mark.parametrize("space", [*GAINS.values(), *LEARNING.values()])
+def test_every_dimension_says_what_it_is(space: tuple[tuning.Dimension, ...]) -> None:
+    for dimension in space:
+        assert dimension.unit
+        assert dimension.reason
+        assert dimension.choices or dimension.low < dimension.high
+        assert not dimension.log or dimension.choices or dimension.low > 0.0
+        assert dimension.start is None or dimension.holds(dimension.start)
+
+
+@pytest.mark.parametrize("algorithm", LEARNING)
+def test_searched_settings_are_settings(algorithm: str) -> None:
+    base = hyperparameters.load_hyperparameters(algorithm)
+    assert tuning.learning_settings(base, tuning.learning_parameters(base)) == base
+    for high in (False, True):
+        drawn = {
+            each.name: (each.choices or (each.low, each.high))[-1 if high else 0]
+            for each in LEARNING[algorithm]
+        }
+        settings = tuning.learning_settings(base, drawn)
+        assert settings != base
+        text = tuning.toml_of(settings, "made for\n\na test")
+        assert hyperparameters.from_data(tomllib.loads(text)) == settings
+
+
+def test_toml_holds_whatever_settings_hold() -> None:
+    base = hyperparameters.load_hyperparameters("ppo")
+    env = {"mass": {"uniform": [1.0, 2.0]}, "a.b": [True, 'it\'s "so"', 1e-7]}
+    settings = dataclasses.replace(base, env=env)
+    assert hyperparameters.from_data(tomllib.loads(tuning.toml_of(settings))) == settings
+
+
+@pytest.mark.slow
+def test_settings_of_learning_are_searched(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    arguments: list[Any] = ["tune", "ppo", "--steps", 1, "--out", tmp_path / "a"]
+    first = drm(*arguments, "--trials", 1)
+    assert first.exit_code == 0, first.output
+    kept = (tmp_path / "a" / "trial_000" / "run.json").read_bytes()
+    second = drm(*arguments, "--trials", 2, "--json")
+    assert second.exit_code == 0, second.output
+    assert (tmp_path / "a" / "trial_000" / "run.json").read_bytes() == kept
+    content = json.loads(second.stdout)
+    table = rows(tmp_path / "a")
+    assert [row["state"] for row in table] == ["complete", "complete"]
+    for row in table:
+        folder = tmp_path / "a" / f"trial_{int(row['number']):03d}"
+        with (folder / "evaluations.csv").open(newline="") as stream:
+            last = list(csv.DictReader(stream))[-1]
+        assert float(row["value"]) == pytest.approx(1e3 * float(last["tip_error_rms"]), rel=1e-12)
+        assert int(last["steps"]) >= 1
+    best = hyperparameters.load_hyperparameters("ppo", tmp_path / "a" / "best.toml")
+    run = tmp_path / "a" / f"trial_{content['trials']['best']:03d}" / "run.json"
+    stored = json.loads(run.read_text())["hyperparameters"]
+    assert hyperparameters.from_data(stored) == best
+    packaged = json.loads((tmp_path / "a" / "trial_000" / "run.json").read_text())
+    assert hyperparameters.from_data(packaged["hyperparameters"]) == (
+        hyperparameters.load_hyperparameters("ppo")
+    )
+    refused = drm(*arguments, "--trials", 2, "--seed", 1)
+    assert refused.exit_code == 2
+    assert "seed 0, not 1" in " ".join(refused.stderr.split())
+    whole = drm("tune", "ppo", "--steps", 1, "--out", tmp_path / "b", "--trials", 2)
+    assert whole.exit_code == 0, whole.output
+    assert rows(tmp_path / "b") == table
