@@ -78,6 +78,9 @@ pub struct Batch {
     count: usize,
     /// Environments in every group but the last ones.
     width: usize,
+    /// Whether every environment is known to be running or to be reset by the next step: to ask the
+    /// groups is to fetch them from the caches of other threads.
+    ready: bool,
     threads: usize,
     pool: Pool,
 }
@@ -143,6 +146,7 @@ impl Batch {
             groups,
             count,
             width,
+            ready: false,
             threads: threads.unwrap_or(available),
             pool: Pool::default(),
         })
@@ -283,27 +287,42 @@ impl Batch {
         check_length("terminated", count, out.terminated.len())?;
         check_length("truncated", count, out.truncated.len())?;
         check_length("terms", count * 3, out.terms.len())?;
-        for group in &self.groups {
-            for lane in lanes_of(group.everyone() & !(group.running | group.waiting)) {
-                check_phase(group.crew.phase(lane))?;
+        if !self.ready {
+            for group in &self.groups {
+                for lane in lanes_of(group.everyone() & !(group.running | group.waiting)) {
+                    check_phase(group.crew.phase(lane))?;
+                }
             }
         }
         let autoreset = self.autoreset;
+        // unless the step comes to a good end
+        self.ready = false;
         let failure = Mutex::new(None);
         let work = count * self.config.samples_per_action();
-        let parts = parts(&mut self.groups, actions, width, size, out);
+        let threads = if work < SAMPLES_WORTH_A_THREAD {
+            1
+        } else {
+            self.threads
+        };
+        let rows = Rows {
+            observations: &mut *out.observations,
+            rewards: &mut *out.rewards,
+            terminated: &mut *out.terminated,
+            truncated: &mut *out.truncated,
+            terms: &mut *out.terms,
+        };
+        let shares = shares(&mut self.groups, self.width, actions, rows, threads);
         let one = |(group, actions, rows): (&mut Group, &[f32], Rows<'_>)| {
             if let Err(error) = group.step(actions, autoreset, rows) {
                 *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
             }
         };
-        if self.threads == 1 || work < SAMPLES_WORTH_A_THREAD {
-            parts.for_each(one);
-        } else {
-            self.pool.share(self.threads, parts, one);
-        }
+        self.pool.share(threads, shares, one);
         match failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            None => Ok(()),
+            None => {
+                self.ready = autoreset != Autoreset::Disabled;
+                Ok(())
+            }
             Some(error) => Err(error.into()),
         }
     }
@@ -387,6 +406,7 @@ impl Batch {
     pub fn set_env_state(&mut self, index: usize, bytes: &[u8]) -> Result<(), Error> {
         let (group, lane) = self.known(index)?;
         let autoreset = self.autoreset;
+        self.ready = false;
         let group = &mut self.groups[group];
         let mut env = group.crew.one(lane);
         env.set_state(bytes)?;
@@ -447,6 +467,7 @@ impl Batch {
             envs.push(env);
         }
         let autoreset = self.autoreset;
+        self.ready = false;
         for ((group, lane), env) in self.places().zip(envs) {
             self.groups[group].restore(lane, &env, autoreset);
         }
@@ -456,34 +477,56 @@ impl Batch {
 
 const SNAPSHOT_MAGIC: &[u8; 4] = b"DRMb";
 
-/// The groups with their actions and rows.
-fn parts<'a>(
+/// Groups with their actions and rows, in so many shares; all but the last group have `width`
+/// environments.
+fn shares<'a>(
     groups: &'a mut [Group],
-    actions: &'a [f32],
     width: usize,
-    size: usize,
-    out: &'a mut StepBuffers<'_>,
-) -> impl Iterator<Item = (&'a mut Group, &'a [f32], Rows<'a>)> {
-    let mut left = (
-        actions,
-        &mut *out.observations,
-        &mut *out.rewards,
-        &mut *out.terminated,
-        &mut *out.truncated,
-        &mut *out.terms,
-    );
-    groups.iter_mut().map(move |group| {
-        let n = group.count;
-        let (action, rest) = left.0.split_at(n * width);
-        left.0 = rest;
-        let rows = Rows {
-            observations: front(&mut left.1, n * size),
-            rewards: front(&mut left.2, n),
-            terminated: front(&mut left.3, n),
-            truncated: front(&mut left.4, n),
-            terms: front(&mut left.5, n * 3),
-        };
-        (group, action, rows)
+    actions: &'a [f32],
+    rows: Rows<'a>,
+    threads: usize,
+) -> impl Iterator<
+    Item = impl DoubleEndedIterator<Item = (&'a mut Group, &'a [f32], Rows<'a>)> + ExactSizeIterator,
+> {
+    let (all, count) = (groups.len(), rows.rewards.len());
+    let (size, actuators) = (rows.observations.len() / count, actions.len() / count);
+    let mut left = (groups, actions, rows);
+    (0..threads).map(move |thread| {
+        let bound = |thread: usize| thread * all / threads;
+        let n = bound(thread + 1) - bound(thread);
+        let environments = (n * width).min(left.2.rewards.len());
+        let groups = front(&mut left.0, n);
+        let (actions, rest) = left.1.split_at(environments * actuators);
+        left.1 = rest;
+        let rows = &mut left.2;
+        let observations = front(&mut rows.observations, environments * size);
+        let rewards = front(&mut rows.rewards, environments);
+        let terminated = front(&mut rows.terminated, environments);
+        let truncated = front(&mut rows.truncated, environments);
+        let terms = front(&mut rows.terms, environments * 3);
+        groups
+            .iter_mut()
+            .zip(actions.chunks(width * actuators))
+            .zip(observations.chunks_mut(width * size))
+            .zip(rewards.chunks_mut(width))
+            .zip(terminated.chunks_mut(width))
+            .zip(truncated.chunks_mut(width))
+            .zip(terms.chunks_mut(width * 3))
+            .map(
+                |(
+                    (((((group, actions), observations), rewards), terminated), truncated),
+                    terms,
+                )| {
+                    let rows = Rows {
+                        observations,
+                        rewards,
+                        terminated,
+                        truncated,
+                        terms,
+                    };
+                    (group, actions, rows)
+                },
+            )
     })
 }
 

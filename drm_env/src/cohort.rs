@@ -283,9 +283,10 @@ impl<T: Number> Cohort<T> {
     where
         T: Vector,
     {
-        let setup = Arc::clone(&self.setup);
+        // not a clone: threads that count in the same place wait for each other
+        let setup = &*self.setup;
         let task = &setup.config.task;
-        let held = self.hold(actions, lanes, task);
+        let held = hold(&mut self.action, actions, lanes, task);
         let fixed = self.flight.fixed();
         let zero = T::splat(0.0);
         let mut command = WheelTorques {
@@ -379,27 +380,23 @@ impl<T: Number> Cohort<T> {
             truncated,
         }
     }
+}
 
-    /// Actions within their limits of size and rate.
-    #[inline(always)]
-    fn hold(&mut self, actions: &[f32], lanes: u32, task: &Task) -> [T; 3] {
-        let change = task
-            .action_rate_limit
-            .map_or(f64::INFINITY, |limit| limit * task.control_period);
-        let count = task.actuators.len();
-        for lane in lanes_of(lanes) {
-            for (held, wanted) in self
-                .action
-                .iter_mut()
-                .zip(&actions[lane * count..][..count])
-            {
-                let before = held.lane(lane);
-                let wanted = f64::from(*wanted).clamp(-1.0, 1.0);
-                held.set_lane(lane, wanted.clamp(before - change, before + change));
-            }
+/// Limits actions in size and rate; `action` is the one before.
+#[inline(always)]
+fn hold<T: Number>(action: &mut [T; 3], actions: &[f32], lanes: u32, task: &Task) -> [T; 3] {
+    let change = task
+        .action_rate_limit
+        .map_or(f64::INFINITY, |limit| limit * task.control_period);
+    let count = task.actuators.len();
+    for lane in lanes_of(lanes) {
+        for (held, wanted) in action.iter_mut().zip(&actions[lane * count..][..count]) {
+            let before = held.lane(lane);
+            let wanted = f64::from(*wanted).clamp(-1.0, 1.0);
+            held.set_lane(lane, wanted.clamp(before - change, before + change));
         }
-        self.action
     }
+    *action
 }
 
 struct Step<'a, 'b, T: Number> {

@@ -6,7 +6,7 @@
 //! needs stays in its cache, and helps the others when it is done. After a call helpers look out for the
 //! next one for a short while before they sleep.
 
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -34,20 +34,21 @@ struct Desk {
     state: Mutex<State>,
     /// A call has been announced, or the pool closes.
     news: Condvar,
-    /// Number of announcements, to be looked at without the lock.
-    announced: AtomicU64,
+    /// Number of announcements, written under the lock, to be looked at without it.
+    announced: Apart<AtomicU64>,
+    /// Helpers that are at the present call: they come under the lock, while there is a job, and go
+    /// without it.
+    busy: Apart<AtomicUsize>,
+    /// Whether a helper's part of the present call has panicked.
+    failed: AtomicBool,
 }
 
 #[derive(Debug)]
 struct State {
     /// The work of the present call.
     job: Option<Job>,
-    /// Helpers that are at it.
-    busy: usize,
     /// Helpers that sleep.
     asleep: usize,
-    /// Whether a helper's part of the present call has panicked.
-    failed: bool,
     closing: bool,
 }
 
@@ -59,9 +60,46 @@ struct Job(*const (dyn Fn(usize) + Sync));
 // is at it
 unsafe impl Send for Job {}
 
+/// One thread's parts of a call: while it is at them it reads and writes nothing that another thread
+/// does.
+struct Share<I> {
+    parts: I,
+    begun: bool,
+}
+
+impl<I: DoubleEndedIterator + ExactSizeIterator> Share<I> {
+    /// The next part of the thread whose share it is.
+    fn first(&mut self) -> Option<I::Item> {
+        self.begun = true;
+        self.parts.next()
+    }
+
+    /// A part for another thread; the next one of a thread that is at work is not worth the way to
+    /// another cache.
+    fn last(&mut self) -> Option<I::Item> {
+        if self.begun && self.parts.len() < 2 {
+            return None;
+        }
+        self.parts.next_back()
+    }
+}
+
+/// What shares no cache line with anything else, nor the one that the processor fetches with it.
+#[derive(Debug)]
+#[repr(align(128))]
+struct Apart<T>(T);
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 impl Desk {
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
+    }
+
+    fn announced(&self) -> u64 {
+        self.announced.0.load(Ordering::Acquire)
     }
 
     /// What a helper does until the pool closes.
@@ -69,13 +107,11 @@ impl Desk {
         let mut seen = 0;
         loop {
             let begin = Instant::now();
-            while self.announced.load(Ordering::Acquire) == seen && begin.elapsed() < LOOKOUT {
-                for _ in 0..4 {
-                    std::hint::spin_loop();
-                }
+            while self.announced() == seen && begin.elapsed() < LOOKOUT {
+                std::hint::spin_loop();
             }
             let mut state = self.lock();
-            while self.announced.load(Ordering::Acquire) == seen && !state.closing {
+            while self.announced() == seen && !state.closing {
                 state.asleep += 1;
                 state = self
                     .news
@@ -86,9 +122,9 @@ impl Desk {
             if state.closing {
                 return;
             }
-            seen = self.announced.load(Ordering::Acquire);
+            seen = self.announced();
             if let Some(job) = state.job {
-                state.busy += 1;
+                self.busy.0.fetch_add(1, Ordering::Relaxed);
                 drop(state);
                 let work = || {
                     // SAFETY: `Pool::share` returns, and ends the function's life, only when nobody is
@@ -96,9 +132,11 @@ impl Desk {
                     unsafe { (*job.0)(index) }
                 };
                 let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
-                let mut state = self.lock();
-                state.busy -= 1;
-                state.failed |= result.is_err();
+                if result.is_err() {
+                    self.failed.store(true, Ordering::Relaxed);
+                }
+                // what this thread has done comes before
+                self.busy.0.fetch_sub(1, Ordering::Release);
             }
         }
     }
@@ -109,13 +147,13 @@ impl Helpers {
         let desk = Arc::new(Desk {
             state: Mutex::new(State {
                 job: None,
-                busy: 0,
                 asleep: 0,
-                failed: false,
                 closing: false,
             }),
             news: Condvar::new(),
-            announced: AtomicU64::new(0),
+            announced: Apart(AtomicU64::new(0)),
+            busy: Apart(AtomicUsize::new(0)),
+            failed: AtomicBool::new(false),
         });
         // with fewer threads than wanted the work is done all the same
         let threads = (0..count)
@@ -160,45 +198,39 @@ impl Pool {
         Arc::clone(&helpers.desk)
     }
 
-    /// Does `work` on every part, with so many threads, the calling one among them.
+    /// Does `work` on every part of so many shares, a thread for each, the calling one among them.
     ///
     /// # Panics
     /// If `work` does, on whichever thread.
-    pub(crate) fn share<P: Send>(
+    pub(crate) fn share<I>(
         &mut self,
         threads: usize,
-        parts: impl Iterator<Item = P>,
-        work: impl Fn(P) + Sync,
-    ) {
+        shares: impl Iterator<Item = I>,
+        work: impl Fn(I::Item) + Sync,
+    ) where
+        I: DoubleEndedIterator + ExactSizeIterator + Send,
+    {
         if threads < 2 {
-            return parts.for_each(work);
+            return shares.flatten().for_each(work);
         }
-        let parts: Vec<Mutex<Option<P>>> = parts.map(|part| Mutex::new(Some(part))).collect();
-        let claim = |part: &Mutex<Option<P>>| {
-            let claimed = part.lock().unwrap_or_else(PoisonError::into_inner).take();
-            if let Some(part) = claimed {
+        let shares: Vec<Apart<Mutex<Share<I>>>> = shares
+            .map(|parts| Share {
+                parts,
+                begun: false,
+            })
+            .map(|share| Apart(Mutex::new(share)))
+            .collect();
+        // the lock is let go before the work begins
+        let first = |share: usize| lock(&shares[share].0).first();
+        let last = |share: usize| lock(&shares[share].0).last();
+        let run = |thread: usize| {
+            while let Some(part) = first(thread) {
                 work(part);
             }
-        };
-        let bound = |thread: usize| thread * parts.len() / threads;
-        // the part after the one that each thread is at
-        let next: Vec<AtomicUsize> = (0..threads)
-            .map(|thread| AtomicUsize::new(bound(thread)))
-            .collect();
-        let run = |thread: usize| {
-            for i in bound(thread)..bound(thread + 1) {
-                next[thread].store(i + 1, Ordering::Relaxed);
-                claim(&parts[i]);
-            }
-            // what the others have left, from their ends; the next part of one that is at work is not
-            // worth the way to another cache
+            // what the others have left, from their ends
             for other in (0..threads).filter(|other| *other != thread) {
-                for i in (bound(other)..bound(other + 1)).rev() {
-                    let after = next[other].load(Ordering::Relaxed);
-                    if after > bound(other) && i <= after {
-                        break;
-                    }
-                    claim(&parts[i]);
+                while let Some(part) = last(other) {
+                    work(part);
                 }
             }
         };
@@ -211,11 +243,13 @@ impl Pool {
                 *const (dyn Fn(usize) + Sync + 'static),
             >(job)
         });
+        desk.failed.store(false, Ordering::Relaxed);
         let sleepers = {
             let mut state = desk.lock();
             state.job = Some(job);
-            state.failed = false;
-            desk.announced.fetch_add(1, Ordering::Release);
+            desk.announced
+                .0
+                .store(desk.announced() + 1, Ordering::Release);
             state.asleep
         };
         let finish = Finish(&desk);
@@ -225,7 +259,7 @@ impl Pool {
         run(0);
         drop(finish);
         assert!(
-            !std::mem::take(&mut desk.lock().failed),
+            !desk.failed.load(Ordering::Relaxed),
             "a thread of the batch has panicked"
         );
     }
@@ -236,17 +270,10 @@ struct Finish<'a>(&'a Desk);
 
 impl Drop for Finish<'_> {
     fn drop(&mut self) {
-        loop {
-            let mut state = self.0.lock();
-            state.job = None;
-            if state.busy == 0 {
-                return;
-            }
-            drop(state);
-            // each is at its last part
-            for _ in 0..4 {
-                std::hint::spin_loop();
-            }
+        self.0.lock().job = None;
+        // each is at its last part
+        while self.0.busy.0.load(Ordering::Acquire) > 0 {
+            std::hint::spin_loop();
         }
     }
 }
@@ -254,6 +281,12 @@ impl Drop for Finish<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ops::Range;
+
+    /// Numbers below `count` in so many shares.
+    fn shares(count: usize, threads: usize) -> impl Iterator<Item = Range<usize>> {
+        (0..threads).map(move |i| i * count / threads..(i + 1) * count / threads)
+    }
 
     #[test]
     fn every_part_is_done_once_whatever_the_threads() {
@@ -261,8 +294,8 @@ mod tests {
             let mut pool = Pool::default();
             for round in 0..200 {
                 let done: Vec<AtomicUsize> = (0..round % 17).map(|_| AtomicUsize::new(0)).collect();
-                pool.share(threads, done.iter(), |part| {
-                    part.fetch_add(1, Ordering::Relaxed);
+                pool.share(threads, shares(done.len(), threads), |part| {
+                    done[part].fetch_add(1, Ordering::Relaxed);
                 });
                 assert!(done.iter().all(|part| part.load(Ordering::Relaxed) == 1));
                 if round % 50 == 0 {
@@ -277,14 +310,14 @@ mod tests {
     fn a_panic_of_a_helper_reaches_the_caller_and_leaves_the_pool_usable() {
         let mut pool = Pool::default();
         let attempt = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            pool.share(2, 0..64, |part| {
+            pool.share(2, shares(64, 2), |part| {
                 std::thread::sleep(LOOKOUT);
                 assert!(part < 8, "part {part}");
             });
         }));
         assert!(attempt.is_err());
         let done = AtomicUsize::new(0);
-        pool.share(2, 0..64, |_| {
+        pool.share(2, shares(64, 2), |_| {
             done.fetch_add(1, Ordering::Relaxed);
         });
         assert_eq!(done.load(Ordering::Relaxed), 64);
