@@ -193,8 +193,8 @@ def runs_in(directory: Path) -> dict[int, Path]:
 def competitors(learned: Path | None = None) -> list[Competitor]:
     """Return everybody: bound, laws, tuned laws, and the learned policies of a directory.
 
-    ``learned`` holds a directory a method (see :data:`LEARNERS`) with one a seed in it; by default the
-    policies that come with the package.
+    ``learned`` holds a directory a method (see :data:`LEARNERS`) with one a seed in it; by default
+    the policies that come with the package.
     """
     tuned = [
         Competitor(
