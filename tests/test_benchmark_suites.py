@@ -19,7 +19,9 @@ FILES = ("thesis", "robust", "heavy", "rough")
 
 @pytest.mark.parametrize("name", FILES)
 def test_generator_makes_the_frozen_file(name: str) -> None:
-    frozen = (resources.files(suites) / "data" / f"{name}.csv").read_text(encoding="utf-8")
+    frozen = (resources.files("drm_baselines.benchmark") / "data" / f"{name}.csv").read_text(
+        encoding="utf-8"
+    )
     assert suites.text_of(suites.generate(name)) == frozen
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import importlib.util
 import shutil
-import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -224,7 +223,6 @@ class _Run:
                 "steps": int(self.model.num_timesteps),
                 "wall_time": self.wall_time,
                 "hyperparameters": record.hyperparameters,
-                "command": " ".join(["drm", *sys.argv[1:]]),
                 **storage.provenance(),
             },
         }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -71,6 +70,5 @@ def imitate(
                 highlight=False,
             )
 
-        command = " ".join(["drm", *sys.argv[1:]])
-        dagger.imitate(out, study, found, force=force, command=command, watch=watch)
+        dagger.imitate(out, study, found, force=force, watch=watch)
     console.print(f"saved in {out}", soft_wrap=True)

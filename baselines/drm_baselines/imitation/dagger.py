@@ -222,7 +222,6 @@ def imitate(
     plans: Sequence[Plans],
     *,
     force: bool = False,
-    command: str = "",
     watch: Callable[[int, dict[str, float]], None] | None = None,
 ) -> Path:
     """Teach one student and save its policy in ``directory``.
@@ -277,7 +276,7 @@ def imitate(
                 "settled": float(np.mean(judged["settled"])),
             }
             points.append(point)
-            _save(directory, student, study, points, command, finished=number + 1 == study.rounds)
+            _save(directory, student, study, points, finished=number + 1 == study.rounds)
             if watch is not None:
                 watch(number, point)
     if not points:
@@ -286,7 +285,7 @@ def imitate(
 
 
 def _save(
-    directory: Path, student: Student, study: Study, points: list[dict[str, float]], command: str,
+    directory: Path, student: Student, study: Study, points: list[dict[str, float]],
     *, finished: bool,
 ) -> None:  # fmt: skip
     with (
@@ -296,12 +295,10 @@ def _save(
         writer = csv.DictWriter(stream, list(points[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(points)
-    save_policy(directory, student.perceptron(), describe(study, points, command, finished))
+    save_policy(directory, student.perceptron(), describe(study, points, finished))
 
 
-def describe(
-    study: Study, points: Sequence[dict[str, float]], command: str, finished: bool
-) -> dict[str, Any]:
+def describe(study: Study, points: Sequence[dict[str, float]], finished: bool) -> dict[str, Any]:
     """Return what travels with the weights of a student."""
     env = drm_env.DrmEnv(config=study.teaching.config(0))
     try:
@@ -319,7 +316,6 @@ def describe(
             "steps": int(points[-1]["steps"]),
             "wall_time": points[-1]["wall_time"],
             "finished": finished,
-            "command": command,
             "hyperparameters": asdict(study),
             **storage.provenance(),
         },
