@@ -83,7 +83,7 @@ def benchmark(
         suites.suite_named(name)
     if learned is not None:
         field.check_runs(learned)
-    if as_json is not None and as_json.exists() and not as_json.is_file():
+    if as_json is not None and as_json.is_dir():
         storage.refuse(as_json)
     everybody = field.chosen(field.competitors(learned), policy)
     results = []
