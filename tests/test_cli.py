@@ -140,7 +140,7 @@ def test_simulate_refuses_what_it_cannot_fly(tmp_path: Path) -> None:
     unknown.write_text("[payload]\nmas = 3.0\n")
     assert "mas" in refuse("simulate", unknown)
     assert "payload.mass" in refuse("simulate", "--payload-mass", -3)
-    assert "none, linear, lyapunov" in refuse("simulate", "--law", "lqr")
+    assert "none, linear, lyapunov" in refuse("simulate", "--law", "pid")
     assert "given twice" in refuse("simulate", "--law", "none", "--law", "none")
 
 
