@@ -52,10 +52,10 @@ def random_torques(model: drm_env.Transitions, seed: int = 0) -> Array:
     return np.asarray(rng.uniform(-1.0, 1.0, (len(model.offset), 2)) * LIMITS)
 
 
-def missed(scenario: dict[str, Any], hold: int, seed: int = 0) -> float:
-    """Largest error of the prediction over the largest error of the tip."""
+def missed(scenario: dict[str, Any], hold: int, seed: int = 0, size: float = 1.0) -> float:
+    """Largest error of the prediction over the largest error of the tip; `size` scales the torques."""
     model = drm_env.transitions(scenario, hold=hold)
-    torques = random_torques(model, seed)
+    torques = size * random_torques(model, seed)
     errors = flown(scenario, torques, hold)
     assert errors.shape == (model.error_offset.size,)
     assert np.isfinite(errors).all()
@@ -134,8 +134,8 @@ scenarios = st.fixed_dictionaries(
         "mass_error": st.floats(-0.15, 0.15),
         "slew": st.fixed_dictionaries(
             {
-                "angle": st.floats(0.01, 0.08) | st.floats(-0.08, -0.01),
-                "max_accel": st.floats(0.001, 0.002),
+                "angle": st.floats(0.001, 0.008) | st.floats(-0.008, -0.001),
+                "max_accel": st.floats(0.0001, 0.0002),
                 "profile": st.sampled_from(["min_time", "min_energy"]),
                 "smoothing": st.sampled_from([0.0, 0.1]),
             }
@@ -149,10 +149,10 @@ scenarios = st.fixed_dictionaries(
         ),
         "initial": st.fixed_dictionaries(
             {
-                "slew_angle": st.floats(-1e-3, 1e-3),
-                "slew_rate": st.floats(-5e-4, 5e-4),
-                "alpha": st.floats(-1e-4, 1e-4),
-                "beta": st.floats(-5e-5, 5e-5),
+                "slew_angle": st.floats(-1e-4, 1e-4),
+                "slew_rate": st.floats(-5e-5, 5e-5),
+                "alpha": st.floats(-1e-5, 1e-5),
+                "beta": st.floats(-5e-6, 5e-6),
             }
         ),
     }
@@ -164,7 +164,8 @@ scenarios = st.fixed_dictionaries(
 def test_the_model_predicts_drawn_manoeuvres(
     scenario: dict[str, Any], hold: int, seed: int
 ) -> None:
-    assert missed({**scenario, "horizon": 6.0}, hold, seed) < 1e-3
+    """Small ones: what the model misses is of third order, a mistake in it would be of first."""
+    assert missed({**scenario, "horizon": 6.0}, hold, seed, size=0.1) < 1e-3
 
 
 def test_what_the_model_misses_is_of_third_order() -> None:
