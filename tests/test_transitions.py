@@ -53,7 +53,7 @@ def random_torques(model: drm_env.Transitions, seed: int = 0) -> Array:
 
 
 def missed(scenario: dict[str, Any], hold: int, seed: int = 0, size: float = 1.0) -> float:
-    """Largest error of the prediction over the largest error of the tip; `size` scales the torques."""
+    """Largest error of the prediction over that of the tip; `size` scales the torques."""
     model = drm_env.transitions(scenario, hold=hold)
     torques = size * random_torques(model, seed)
     errors = flown(scenario, torques, hold)
