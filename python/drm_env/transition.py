@@ -25,7 +25,9 @@ class Transitions(NamedTuple):
     x is the deviation from the undeflected arm at the reference: the coordinates (slew angle, then
     the elastic ones), then their rates. u are the torques of root and tip wheel in N m, held from
     one instant to the next and not limited. The matrices are measured on the equations that are
-    flown; wheels and sensors are ideal. With N intervals of h samples and n entries of x:
+    flown; wheels and sensors are ideal. What they leave out: terms of third order in the size of
+    the manoeuvre, and on the consistent plant the memory of the implicit integrator. With N
+    intervals of h samples and n entries of x:
 
     Attributes
     ----------

@@ -87,7 +87,8 @@ def fly(scenario: Mapping[str, Any], torques: _Array) -> tuple[_Array, dict[str,
         [scenario], torques=torques[None], hold=HOLD, signals=names, num_threads=1
     )
     angle, reference, deflection, extension = (flown.trajectories[name][0, 1:] for name in names)
-    link1 = float(scenario.get("arm", {}).get("link1", {}).get("length", 7.0))
+    default = drm_env.default_config().scenario.arm.link1.length
+    link1 = float(scenario.get("arm", {}).get("link1", {}).get("length", default))
     metrics = {name: float(values[0]) for name, values in flown.items()}
     return (link1 + extension) * (angle - reference) + deflection, metrics
 

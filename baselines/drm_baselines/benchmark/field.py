@@ -24,6 +24,7 @@ from drm_baselines.benchmark.suites import Manoeuvres
 from drm_baselines.benchmark.tuning import load_gains
 from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.network import NetworkPolicy, load_policy
+from drm_baselines.policies import LAW_PERIOD
 
 Progress = Callable[[str, int, int], None]
 """Called with (policy, done, total)."""
@@ -31,8 +32,6 @@ Progress = Callable[[str, int, int], None]
 BOUND_EPISODES = {"robust": 500, "unmodelled": 40, "heavy": 100, "rough": 100}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
 plant has three times as many unknowns, one of a heavy payload needs several attempts."""
-
-_SAMPLE_PERIOD = 2e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +70,7 @@ class Competitor:
             rows, period, details = [self._bound(manoeuvres, episodes, progress)], 0.02, {}
         elif self.law is not None:
             rows = [self._law(manoeuvres, progress)]
-            period, details = _SAMPLE_PERIOD, {"law": dict(self.law)}
+            period, details = LAW_PERIOD, {"law": dict(self.law)}
         else:
             rows, period, details = self._learned(manoeuvres, progress)
         return Record(

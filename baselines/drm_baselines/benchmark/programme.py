@@ -21,7 +21,6 @@ import drm_env
 
 _Array = NDArray[np.float64]
 
-_WHEELS = {"root_wheel": 100.0, "tip_wheel": 10.0}
 _LARGEST_ERROR = 3.0  # m
 _LARGEST_STATE = 1.0  # rad, m and their rates
 _SMALLEST_STATE = 1e-9
@@ -31,11 +30,13 @@ _EFFORT = 1e-8
 
 def torque_limits(scenario: Mapping[str, Any]) -> _Array:
     """Return the torque limits of root and tip wheel of a scenario, N m, shape (2,)."""
+    default = drm_env.default_config().scenario
+    limits = {
+        "root_wheel": default.root_wheel.torque_limit,
+        "tip_wheel": default.tip_wheel.torque_limit,
+    }
     return np.array(
-        [
-            float(scenario.get(wheel, {}).get("torque_limit", default))
-            for wheel, default in _WHEELS.items()
-        ]
+        [float(scenario.get(name, {}).get("torque_limit", limit)) for name, limit in limits.items()]
     )
 
 

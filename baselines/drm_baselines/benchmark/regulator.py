@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg, signal
 
 import drm_env
+from drm_baselines.benchmark.programme import torque_limits
 from drm_baselines.errors import BaselineError
 from drm_baselines.policies import LAW_PERIOD
 
@@ -26,7 +27,7 @@ MASSES = (50.0, 125.0, 200.0, 350.0, 500.0)
 EXTENSIONS = tuple(float(a) for a in np.linspace(1.0, 8.0, 8))
 """Extensions of the grid, m."""
 
-_LIMITS = np.array([100.0, 10.0])
+# Those of the engine's law `scheduled`.
 _MASS_SCALE, _EXTENSION_SCALE = 500.0, 8.0
 _GAINS = ("angle_gain", "rate_gain", "deflection_gain", "deflection_rate_gain")
 
@@ -64,13 +65,14 @@ def gains_at(
     matrices = drm_env.Model({"mass": mass}).matrices(extension)
     kept = np.ix_([0, 2], [0, 2])
     inertia, stiffness = matrices.M[kept], matrices.K[kept]
-    force = np.array([[1.0, 1.0], [0.0, 3.0 / extension]]) * _LIMITS
+    limits = torque_limits({})
+    force = np.array([[1.0, 1.0], [0.0, 3.0 / extension]]) * limits
     a = np.zeros((4, 4))
     a[:2, 2:] = np.eye(2)
     a[2:, :2] = -np.linalg.solve(inertia, stiffness)
     b = np.vstack([np.zeros((2, 2)), np.linalg.solve(inertia, force)])
     ad, bd, *_ = signal.cont2discrete((a, b, np.eye(4), np.zeros((4, 2))), LAW_PERIOD)
-    reach = 7.0 + extension
+    reach = drm_env.default_config().scenario.arm.link1.length + extension
     rows = 1e3 * np.array(
         [
             [reach, 2.0, 0.0, 0.0],
@@ -87,7 +89,7 @@ def gains_at(
         np.diag([root_effort**2, tip_effort**2]) + bd.T @ cost @ bd, bd.T @ cost @ ad
     )
     # the state is (e, beta, e', beta') and the law is told 2 beta and its rate
-    return np.asarray(_LIMITS[:, None] * gain[:, [0, 2, 1, 3]] * np.array([1.0, 1.0, 0.5, 0.5]))
+    return np.asarray(limits[:, None] * gain[:, [0, 2, 1, 3]] * np.array([1.0, 1.0, 0.5, 0.5]))
 
 
 def scheduled_law(weights: Mapping[str, float]) -> dict[str, Any]:

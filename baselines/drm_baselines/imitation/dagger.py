@@ -7,7 +7,7 @@ and with the momentum that the motor was told to give it tells the true inertia:
 student's memory.
 
 A run is a directory like any other training run and ends in ``policy.safetensors`` and
-``policy.json``. It goes on where it was interrupted at the last finished round.
+``policy.json``. An interrupted one keeps the policy of its last finished round.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from torch import nn
 
 import drm_env
 from drm_baselines import storage
+from drm_baselines.benchmark.programme import torque_limits
 from drm_baselines.errors import RunError
 from drm_baselines.evaluation import config_data
 from drm_baselines.imitation.teacher import Plans, Teaching
@@ -104,7 +105,8 @@ class Student(nn.Module):
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Return actions, not limited, (n, 2)."""
         scaled = (observations - self.mean) / self.deviation
-        return self.layers(scaled)  # type: ignore[no-any-return]
+        actions: torch.Tensor = self.layers(scaled)
+        return actions
 
     def perceptron(self) -> Perceptron:
         """Return the same network as plain arrays."""
@@ -151,7 +153,7 @@ class _Lesson:
         names = [entry.name for entry in layout]
         self._error = names.index("slew_error")
         self._scale = layout[self._error].scale
-        self._limit = 100.0
+        self._limit = float(torque_limits(self.config["scenario"])[0])
 
     def advice(self, k: int, observations: Array) -> Array:
         """Return what the teacher would do at decision k, seeing the same slew error."""
@@ -197,7 +199,7 @@ def _learn(
         chosen = torch.from_numpy(rng.integers(0, len(observations), study.batch_size))
         loss = nn.functional.mse_loss(student(observations[chosen]), actions[chosen])
         optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it without types
         optimiser.step()
         rate.step()
         recent = loss.item() if step == 0 else recent + 0.01 * (loss.item() - recent)

@@ -30,6 +30,7 @@ from drm_baselines.benchmark.programme import (
 )
 from drm_baselines.benchmark.suites import STRATA, suite_named
 from drm_baselines.errors import RunError
+from drm_baselines.policies import LAW_PERIOD
 
 PLANS_FORMAT = "drm-teacher-plans 1"
 
@@ -86,7 +87,7 @@ class Teaching:
     def task(self) -> dict[str, Any]:
         """Return the task part of the student's environment."""
         return {
-            "control_period": self.hold * 2.0e-3,
+            "control_period": self.hold * LAW_PERIOD,
             "inner_law": {**self.inner_law},
             "wheel_scale": self.wheel_scale,
             "observe_identified": self.identified,
