@@ -493,3 +493,35 @@ def test_throughput_per_lane_does_not_suffer_from_python() -> None:
     whole = best(lambda: env.step(actions))
     engine = best(lambda: env._engine.step(actions, *buffers))
     assert whole < 1.25 * engine
+
+
+@pytest.mark.parametrize("plant", ["thesis", "consistent"])
+def test_coordinates_are_the_signals_of_the_manoeuvre(plant: str) -> None:
+    options = {"plant": plant, "payload_mass": 300.0, "mass_error": 0.0, "angle_noise": 1e-3}
+    env = drm_env.DrmVectorEnv(3, **options)
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.coordinates, np.zeros((3, 6)))
+    for _ in range(50):
+        env.step(np.zeros((3, 2), dtype=np.float32))
+    scenario = {"plant": plant, "payload": {"mass": 300.0}}
+    names = ("slew_angle", "alpha", "beta", "slew_rate", "alpha_rate", "beta_rate")
+    flown = drm_env.simulate(scenario, law="none", decimation=1)
+    expected = np.array([flown[name][250] for name in names])
+    np.testing.assert_array_equal(env.coordinates, np.tile(expected, (3, 1)))
+
+
+def test_an_ended_environment_that_is_restored_is_not_stepped() -> None:
+    env = drm_env.DrmVectorEnv(3, autoreset_mode=AutoresetMode.DISABLED, **SHORT)
+    env.reset(seed=0)
+    actions = actions_of(env, 12)
+    for action in actions:
+        ended = env.step(action)
+    assert ended[3].all()
+    over = env.get_state()
+    env.reset(seed=1)
+    env.step(actions[0])
+    env.set_state(over)
+    with pytest.raises(drm_env.ResetNeededError):
+        env.step(actions[0])
+    env.reset(seed=1)
+    env.step(actions[0])

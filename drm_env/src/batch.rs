@@ -2,6 +2,7 @@
 //! processor's registers and on several threads. Environment `i` gives the same bits as a single one
 //! with its seed, whatever the batch, the lanes and the threads.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::cohort::{Phase, Setup};
@@ -81,9 +82,16 @@ pub struct Batch {
     /// Whether every environment is known to be running or to be reset by the next step: to ask the
     /// groups is to fetch them from the caches of other threads.
     ready: bool,
+    /// Whether the last call began an episode in any environment; kept here for the same reason.
+    any_began: bool,
+    /// Whether the last step ended an episode in any environment.
+    any_ended: bool,
     threads: usize,
     pool: Pool,
 }
+
+/// Entries of [`Batch::coordinates`].
+pub const COORDINATES: usize = 6;
 
 /// Below this many samples in a call, threads cost more than they give.
 const SAMPLES_WORTH_A_THREAD: usize = 200;
@@ -147,6 +155,8 @@ impl Batch {
             count,
             width,
             ready: false,
+            any_began: false,
+            any_ended: false,
             threads: threads.unwrap_or(available),
             pool: Pool::default(),
         })
@@ -245,7 +255,14 @@ impl Batch {
             group.waiting &= !(1 << lane);
             group.began |= 1 << lane;
         }
+        self.recount();
         Ok(())
+    }
+
+    /// Asks the groups what the last call began and ended.
+    fn recount(&mut self) {
+        self.any_began = self.groups.iter().any(|group| group.began != 0);
+        self.any_ended = self.groups.iter().any(|group| !group.ended.is_empty());
     }
 
     /// Overrides what is drawn in every later episode of each environment, until called again.
@@ -298,6 +315,7 @@ impl Batch {
         // unless the step comes to a good end
         self.ready = false;
         let failure = Mutex::new(None);
+        let (began, ended) = (AtomicBool::new(false), AtomicBool::new(false));
         let work = count * self.config.samples_per_action();
         let threads = if work < SAMPLES_WORTH_A_THREAD {
             1
@@ -316,8 +334,17 @@ impl Batch {
             if let Err(error) = group.step(actions, autoreset, rows) {
                 *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
             }
+            // seldom written, so that they stay in every thread's cache
+            if group.began != 0 {
+                began.store(true, Ordering::Relaxed);
+            }
+            if !group.ended.is_empty() {
+                ended.store(true, Ordering::Relaxed);
+            }
         };
         self.pool.share(threads, shares, one);
+        self.any_began = began.into_inner();
+        self.any_ended = ended.into_inner();
         match failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
             None => {
                 self.ready = autoreset != Autoreset::Disabled;
@@ -337,12 +364,12 @@ impl Batch {
 
     /// Whether the last call began an episode in any environment.
     pub fn any_began(&self) -> bool {
-        self.groups.iter().any(|group| group.began != 0)
+        self.any_began
     }
 
     /// Whether the last step ended an episode in any environment.
     pub fn any_ended(&self) -> bool {
-        self.groups.iter().any(|group| !group.ended.is_empty())
+        self.any_ended
     }
 
     /// Environments in which the last call began an episode, in order.
@@ -372,6 +399,13 @@ impl Batch {
     pub fn context(&self, index: usize) -> Option<[f64; crate::parameter::COUNT]> {
         let (group, lane) = self.place(index)?;
         Some(self.groups[group].crew.context(lane))
+    }
+
+    /// True slew angle (rad) and half the deflections of the links' ends (m), then their rates, of
+    /// one environment: what its sensors do not tell.
+    pub fn coordinates(&self, index: usize) -> Option<[f64; COORDINATES]> {
+        let (group, lane) = self.place(index)?;
+        Some(self.groups[group].crew.coordinates(lane))
     }
 
     /// Whether every environment has had an episode.
@@ -411,6 +445,7 @@ impl Batch {
         let mut env = group.crew.one(lane);
         env.set_state(bytes)?;
         group.restore(lane, &env, autoreset);
+        self.recount();
         Ok(())
     }
 
@@ -471,6 +506,7 @@ impl Batch {
         for ((group, lane), env) in self.places().zip(envs) {
             self.groups[group].restore(lane, &env, autoreset);
         }
+        self.recount();
         Ok(())
     }
 }

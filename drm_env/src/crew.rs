@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use crate::batch::Ended;
+use crate::batch::{COORDINATES, Ended};
 use crate::cohort::{Cohort, Draft, Phase};
 use crate::config::context;
 use crate::env::Env;
@@ -46,6 +46,8 @@ pub(crate) trait Crew: Send + Sync + Debug {
     fn set_context(&mut self, lane: usize, settings: Overrides) -> Result<(), ConfigError>;
     /// The true context of a lane.
     fn context(&self, lane: usize) -> [f64; COUNT];
+    /// True coordinates of a lane and their rates: see [`crate::batch::Batch::coordinates`].
+    fn coordinates(&self, lane: usize) -> [f64; COORDINATES];
     /// Where a lane is in its life.
     fn phase(&self, lane: usize) -> Phase;
     /// Observation of a lane.
@@ -120,6 +122,12 @@ impl<T: Vector> Crew for Cohort<T> {
 
     fn context(&self, lane: usize) -> [f64; COUNT] {
         context(&self.flight.scenario_of(lane))
+    }
+
+    fn coordinates(&self, lane: usize) -> [f64; COORDINATES] {
+        let outputs = self.flight.outputs();
+        let parts = [outputs.slew, outputs.alpha, outputs.beta];
+        std::array::from_fn(|i| parts[i % 3][i / 3].lane(lane))
     }
 
     fn phase(&self, lane: usize) -> Phase {

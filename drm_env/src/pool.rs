@@ -6,13 +6,17 @@
 //! needs stays in its cache, and helps the others when it is done. After a call helpers look out for the
 //! next one for a short while before they sleep.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::cell::UnsafeCell;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering, fence};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// How long a helper looks out for the next call before it sleeps.
 const LOOKOUT: Duration = Duration::from_micros(50);
+
+/// Parts that a thread at work must have left for another one to help it.
+const WORTH_THE_WAY: usize = 4;
 
 /// The helpers beside the calling thread, made at the first call that needs them and again in a forked
 /// process, which inherits none.
@@ -28,28 +32,74 @@ struct Helpers {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// Where calls are announced.
+/// Where helpers are called.
 #[derive(Debug)]
 struct Desk {
-    state: Mutex<State>,
-    /// A call has been announced, or the pool closes.
+    /// One a helper.
+    posts: Vec<Apart<Post>>,
+    /// Helpers that sleep, or are about to.
+    asleep: Apart<AtomicUsize>,
+    /// Held by whoever goes to sleep and whoever wakes.
+    bed: Mutex<()>,
     news: Condvar,
-    /// Number of announcements, written under the lock, to be looked at without it.
-    announced: Apart<AtomicU64>,
-    /// Helpers that are at the present call: they come under the lock, while there is a job, and go
-    /// without it.
-    busy: Apart<AtomicUsize>,
     /// Whether a helper's part of the present call has panicked.
     failed: AtomicBool,
 }
 
-#[derive(Debug)]
-struct State {
-    /// The work of the present call.
-    job: Option<Job>,
-    /// Helpers that sleep.
-    asleep: usize,
-    closing: bool,
+/// How calling thread and helper meet: on one cache line and without a lock.
+#[derive(Debug, Default)]
+struct Post {
+    /// [`IDLE`], [`CALLED`], [`BUSY`] or [`CLOSING`].
+    state: AtomicU8,
+    /// The work of the present call: the caller's while idle, the helper's while busy.
+    job: UnsafeCell<Option<Job>>,
+}
+
+/// The helper has nothing to do: only the caller goes on from here.
+const IDLE: u8 = 0;
+/// There is a job: the helper may take it, or the caller withdraw it.
+const CALLED: u8 = 1;
+/// The helper is at the job, and will be idle.
+const BUSY: u8 = 2;
+/// The pool closes.
+const CLOSING: u8 = 3;
+
+// SAFETY: `job` is written while idle, by the caller, and read while busy, by the helper
+unsafe impl Sync for Post {}
+
+impl Post {
+    fn state(&self) -> u8 {
+        self.state.load(Ordering::Acquire)
+    }
+
+    fn call(&self, job: Job) {
+        debug_assert_eq!(self.state(), IDLE);
+        // SAFETY: an idle helper does not look at it
+        unsafe { *self.job.get() = Some(job) };
+        self.state.store(CALLED, Ordering::Release);
+    }
+
+    /// Takes the job, unless it has been withdrawn.
+    fn take(&self) -> Option<Job> {
+        self.swap(CALLED, BUSY)?;
+        // SAFETY: the caller waits for a busy helper
+        unsafe { *self.job.get() }
+    }
+
+    /// Withdraws the job, or waits until the helper that is at it has ended its last part.
+    fn finish(&self) {
+        if self.swap(CALLED, IDLE).is_none() {
+            while self.state() == BUSY {
+                std::hint::spin_loop();
+            }
+        }
+    }
+
+    fn swap(&self, from: u8, to: u8) -> Option<u8> {
+        self.state
+            .compare_exchange(from, to, Ordering::AcqRel, Ordering::Acquire)
+            .ok()
+    }
 }
 
 /// What a call has its helpers do, each once.
@@ -74,10 +124,10 @@ impl<I: DoubleEndedIterator + ExactSizeIterator> Share<I> {
         self.parts.next()
     }
 
-    /// A part for another thread; the next one of a thread that is at work is not worth the way to
-    /// another cache.
+    /// A part for another thread; the last few of a thread that is at work are not worth the way to
+    /// another cache and back.
     fn last(&mut self) -> Option<I::Item> {
-        if self.begun && self.parts.len() < 2 {
+        if self.begun && self.parts.len() < WORTH_THE_WAY {
             return None;
         }
         self.parts.next_back()
@@ -94,50 +144,55 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Desk {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        lock(&self.state)
-    }
-
-    fn announced(&self) -> u64 {
-        self.announced.0.load(Ordering::Acquire)
-    }
-
     /// What a helper does until the pool closes.
     fn help(&self, index: usize) {
-        let mut seen = 0;
+        let post = &self.posts[index].0;
         loop {
             let begin = Instant::now();
-            while self.announced() == seen && begin.elapsed() < LOOKOUT {
+            while post.state() == IDLE && begin.elapsed() < LOOKOUT {
                 std::hint::spin_loop();
             }
-            let mut state = self.lock();
-            while self.announced() == seen && !state.closing {
-                state.asleep += 1;
-                state = self
-                    .news
-                    .wait(state)
-                    .unwrap_or_else(PoisonError::into_inner);
-                state.asleep -= 1;
+            match post.state() {
+                CLOSING => return,
+                IDLE => self.sleep(post),
+                _ => self.work(post, index),
             }
-            if state.closing {
-                return;
-            }
-            seen = self.announced();
-            if let Some(job) = state.job {
-                self.busy.0.fetch_add(1, Ordering::Relaxed);
-                drop(state);
-                let work = || {
-                    // SAFETY: `Pool::share` returns, and ends the function's life, only when nobody is
-                    // busy
-                    unsafe { (*job.0)(index) }
-                };
-                let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
-                if result.is_err() {
-                    self.failed.store(true, Ordering::Relaxed);
-                }
-                // what this thread has done comes before
-                self.busy.0.fetch_sub(1, Ordering::Release);
-            }
+        }
+    }
+
+    /// Sleeps until there may be news.
+    fn sleep(&self, post: &Post) {
+        let bed = lock(&self.bed);
+        self.asleep.0.fetch_add(1, Ordering::Relaxed);
+        // Either the helper sees the call, or the caller, who looks for sleepers after it, sees the helper;
+        // then it waits for the bed, so that the helper does not miss the news.
+        fence(Ordering::SeqCst);
+        if post.state() == IDLE {
+            drop(self.news.wait(bed).unwrap_or_else(PoisonError::into_inner));
+        }
+        self.asleep.0.fetch_sub(1, Ordering::Relaxed);
+    }
+
+    fn work(&self, post: &Post, index: usize) {
+        let Some(job) = post.take() else { return };
+        let work = || {
+            // SAFETY: `Pool::share` returns, and ends the function's life, only when nobody is busy
+            unsafe { (*job.0)(index + 1) }
+        };
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+        if result.is_err() {
+            self.failed.store(true, Ordering::Relaxed);
+        }
+        // what this thread has done comes before
+        post.state.store(IDLE, Ordering::Release);
+    }
+
+    /// Wakes the helpers that sleep, after what they shall see has been written.
+    fn wake(&self) {
+        fence(Ordering::SeqCst);
+        if self.asleep.0.load(Ordering::Relaxed) > 0 {
+            drop(lock(&self.bed));
+            self.news.notify_all();
         }
     }
 }
@@ -145,14 +200,10 @@ impl Desk {
 impl Helpers {
     fn start(count: usize) -> Self {
         let desk = Arc::new(Desk {
-            state: Mutex::new(State {
-                job: None,
-                asleep: 0,
-                closing: false,
-            }),
+            posts: (0..count).map(|_| Apart(Post::default())).collect(),
+            asleep: Apart(AtomicUsize::new(0)),
+            bed: Mutex::new(()),
             news: Condvar::new(),
-            announced: Apart(AtomicU64::new(0)),
-            busy: Apart(AtomicUsize::new(0)),
             failed: AtomicBool::new(false),
         });
         // with fewer threads than wanted the work is done all the same
@@ -160,7 +211,7 @@ impl Helpers {
             .map_while(|i| {
                 let desk = Arc::clone(&desk);
                 let builder = std::thread::Builder::new().name(format!("drm-env-{i}"));
-                builder.spawn(move || desk.help(i + 1)).ok()
+                builder.spawn(move || desk.help(i)).ok()
             })
             .collect();
         Self {
@@ -177,8 +228,10 @@ impl Drop for Helpers {
             // the threads exist in the parent alone
             return;
         }
-        self.desk.lock().closing = true;
-        self.desk.news.notify_all();
+        for post in &self.desk.posts {
+            post.0.state.store(CLOSING, Ordering::Release);
+        }
+        self.desk.wake();
         for thread in self.threads.drain(..) {
             // a helper that has panicked has nothing left to give back
             let _ = thread.join();
@@ -220,22 +273,26 @@ impl Pool {
             })
             .map(|share| Apart(Mutex::new(share)))
             .collect();
-        // the lock is let go before the work begins
-        let first = |share: usize| lock(&shares[share].0).first();
-        let last = |share: usize| lock(&shares[share].0).last();
-        let run = |thread: usize| {
-            while let Some(part) = first(thread) {
+        // What every thread looks at shares no cache line with what the calling one writes.
+        let common = Apart((shares, work));
+        let common = &common.0;
+        let run = Apart(move |thread: usize| {
+            let (shares, work) = common;
+            // the lock is let go before the work begins
+            let first = || lock(&shares[thread].0).first();
+            while let Some(part) = first() {
                 work(part);
             }
             // what the others have left, from their ends
             for other in (0..threads).filter(|other| *other != thread) {
-                while let Some(part) = last(other) {
+                let last = || lock(&shares[other].0).last();
+                while let Some(part) = last() {
                     work(part);
                 }
             }
-        };
+        });
         let desk = self.desk(threads - 1);
-        let job: *const (dyn Fn(usize) + Sync + '_) = &run;
+        let job: *const (dyn Fn(usize) + Sync + '_) = &run.0;
         // SAFETY: only the lifetime changes; `Finish` below outwaits every helper that has the pointer
         let job = Job(unsafe {
             std::mem::transmute::<
@@ -243,20 +300,16 @@ impl Pool {
                 *const (dyn Fn(usize) + Sync + 'static),
             >(job)
         });
-        desk.failed.store(false, Ordering::Relaxed);
-        let sleepers = {
-            let mut state = desk.lock();
-            state.job = Some(job);
-            desk.announced
-                .0
-                .store(desk.announced() + 1, Ordering::Release);
-            state.asleep
-        };
-        let finish = Finish(&desk);
-        if sleepers > 0 {
-            desk.news.notify_all();
+        // not written without need: helpers look at what lies beside it
+        if desk.failed.load(Ordering::Relaxed) {
+            desk.failed.store(false, Ordering::Relaxed);
         }
-        run(0);
+        let finish = Finish(&desk);
+        for post in &desk.posts {
+            post.0.call(job);
+        }
+        desk.wake();
+        (run.0)(0);
         drop(finish);
         assert!(
             !desk.failed.load(Ordering::Relaxed),
@@ -270,10 +323,8 @@ struct Finish<'a>(&'a Desk);
 
 impl Drop for Finish<'_> {
     fn drop(&mut self) {
-        self.0.lock().job = None;
-        // each is at its last part
-        while self.0.busy.0.load(Ordering::Acquire) > 0 {
-            std::hint::spin_loop();
+        for post in &self.0.posts {
+            post.0.finish();
         }
     }
 }

@@ -63,6 +63,10 @@ class Batch:
         """
         Writes every true context into columns, one an environment, in the order of `context_names`.
         """
+    def coordinates(self, /, out: NDArray[float64]) -> None:
+        """
+        Writes the true coordinates and rates, a row an environment.
+        """
     def diverged(self, /) -> NDArray[bool_]:
         """
         Whether the episodes that ended in the last step diverged.

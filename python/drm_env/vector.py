@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DrmVectorEnv"]
 
-_FLOAT32 = np.dtype(np.float32)
+_FLOAT32, _FLOAT64, _BOOL = np.dtype(np.float32), np.dtype(np.float64), np.dtype(np.bool_)
 _MODES = {
     AutoresetMode.NEXT_STEP: "next_step",
     AutoresetMode.SAME_STEP: "same_step",
@@ -154,16 +154,17 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self._contexts = Contexts(num_envs)
         self._ended_contexts = self._contexts
         self._context_info: Info = {}
+        self._step_info: Info = {}
         self._lanes: list[Lane] = []
 
     def _allocate(self) -> Buffers:
         n = self.num_envs
         return Buffers(
-            np.empty((n, self._observation_size), dtype=np.float32),
-            np.empty(n, dtype=np.float64),
-            np.empty(n, dtype=np.bool_),
-            np.empty(n, dtype=np.bool_),
-            np.empty((n, len(REWARD_KEYS)), dtype=np.float64),
+            np.empty((n, self._observation_size), _FLOAT32),
+            np.empty(n, _FLOAT64),
+            np.empty(n, _BOOL),
+            np.empty(n, _BOOL),
+            np.empty((n, len(REWARD_KEYS)), _FLOAT64),
         )
 
     # -- Gymnasium ---------------------------------------------------------------------------
@@ -274,8 +275,8 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         if any_reset or any_done:
             info = self._eventful_info(buffers)
         else:
-            info = self._context_info.copy()
-            info.update(terms_info(buffers.terms, self._everywhere))
+            info = self._step_info.copy()
+            info.update(zip(REWARD_KEYS, buffers.terms.T, strict=True))
         return (*buffers[:4], info)
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Buffers, bool, bool]:
@@ -309,6 +310,18 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     def contexts(self) -> Contexts:
         """The true contexts of the present episodes, a row a parameter."""
         return self._contexts
+
+    @property
+    def coordinates(self) -> NDArray[np.float64]:
+        """The true state of every arm, whatever its sensors say: shape (num_envs, 6).
+
+        Columns are the slew angle (rad), half the deflections of the ends of links 1 and 2 (m), and
+        their rates: the coordinates of the thesis plant; of the consistent plant the same
+        deflections. For teachers, critics and estimators that may know more than a policy does.
+        """
+        rows = np.empty((self.num_envs, 6))
+        self._engine.coordinates(rows)
+        return rows
 
     def ended(
         self,
@@ -345,6 +358,11 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         else:
             self._contexts = self._contexts.after_resets(self._engine)
         self._context_info = shared_info(CONTEXT_KEYS, self._contexts.rows, self._everywhere)
+        # with a place for every key, so that a step only puts in what is its own
+        self._step_info = {
+            **self._context_info,
+            **shared_info(REWARD_KEYS, (self._everywhere,) * len(REWARD_KEYS), self._everywhere),
+        }
 
     def _eventful_info(self, buffers: Buffers) -> Info:
         """The infos of a step in which episodes ended or began."""
@@ -474,7 +492,9 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         state = self.__dict__.copy()
         engine = state.pop("_engine")
         state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
-        for name in ("_lanes", "_contexts", "_ended_contexts", "_context_info", "_everywhere"):
+        for name in (
+            "_lanes", "_contexts", "_ended_contexts", "_context_info", "_step_info", "_everywhere",
+        ):  # fmt: skip
             state.pop(name)
         return state
 
@@ -493,6 +513,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self._contexts = Contexts(self.num_envs)
         self._ended_contexts = self._contexts
         self._context_info = {}
+        self._step_info = {}
         self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
         self._everywhere.flags.writeable = False
         if snapshot is None:

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use drm_env::batch::{Autoreset, Batch as Engine, Ended, StepBuffers};
+use drm_env::batch::{Autoreset, Batch as Engine, COORDINATES, Ended, StepBuffers};
 use drm_env::config::EnvConfig;
 use drm_env::error::{ConfigError, Error};
 use drm_env::metrics::METRIC_NAMES;
@@ -223,6 +223,18 @@ impl Batch {
                 for (row, value) in context.into_iter().enumerate() {
                     out[row * n + i] = value;
                 }
+            }
+            Ok(())
+        })
+    }
+
+    /// Writes the true coordinates and rates, a row an environment.
+    fn coordinates(&self, py: Python<'_>, mut out: InOut2<'_, f64>) -> Outcome<()> {
+        check_shape("coordinates", out.shape(), &[self.num_envs, COORDINATES])?;
+        let out = out.slice_mut();
+        self.with(py, move |engine| {
+            for (i, row) in out.chunks_exact_mut(COORDINATES).enumerate() {
+                row.copy_from_slice(&engine.coordinates(i).unwrap_or([f64::NAN; COORDINATES]));
             }
             Ok(())
         })
