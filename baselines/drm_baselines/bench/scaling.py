@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import drm_env
+from drm_baselines.bench import engine
 from drm_baselines.bench.measure import (
     Measured,
     Spread,
@@ -19,6 +20,10 @@ SIZES = geometric_sizes(1, 65_536, 4)
 RATIO_SIZES = (256, 1024, 4096, 16_384)
 _REFERENCE = "1 thread, 1 environment"
 _UNIT = "steps/s"
+_ENGINE_STEPS = 2900
+"""Control periods of one measurement of the engine alone: an episode without its end."""
+_ENGINE_MOST = 2_000_000
+"""Environment steps of one such measurement at most."""
 
 
 def thread_counts(available: int) -> list[int]:
@@ -46,6 +51,21 @@ def _size(bench: Bench, num_envs: int, threads: list[int]) -> Measured:
             batch.close()
 
 
+def _alone(bench: Bench, num_envs: int) -> Measured:
+    """Measure the engine by itself, on one thread and on two."""
+    config = engine.config_json()
+    steps = max(
+        20, min(_ENGINE_STEPS, _ENGINE_MOST // num_envs, int(_ENGINE_STEPS * bench.seconds))
+    )
+
+    def timed(threads: int) -> Callable[[], float]:
+        return lambda: num_envs * steps / engine.batch_benchmark(config, num_envs, steps, threads)
+
+    return bench.interleave(
+        f"scaling: {num_envs}, engine alone", {str(threads): timed(threads) for threads in (1, 2)}
+    )
+
+
 def run(bench: Bench) -> Section:
     """Measure all sizes with all numbers of threads."""
     threads = thread_counts(cores())
@@ -68,6 +88,27 @@ def run(bench: Bench) -> Section:
             elif count == "1" and reference is not None:
                 ratio, partner = paired_ratio(values, reference), _REFERENCE
             rows.append(Row(f"{num_envs:,} x {label}", Spread.of(values), _UNIT, ratio, partner))
+    if 2 in threads and engine.available("batch_benchmark"):
+        for num_envs in (size for size in RATIO_SIZES if size in SIZES):
+            measured = _alone(bench, num_envs)
+            ratio = paired_ratio(measured["2"], measured["1"])
+            headline[f"two_threads_over_one_{num_envs}_engine"] = ratio.median
+            name = f"{num_envs:,} x"
+            rows.append(
+                Row(f"{name} 1 thread, engine alone", Spread.of(measured["1"]), _UNIT, None, "")
+            )
+            rows.append(
+                Row(
+                    f"{name} 2 threads, engine alone",
+                    Spread.of(measured["2"]),
+                    _UNIT,
+                    ratio,
+                    "1 thread, same batch",
+                )
+            )
+        notes.append(
+            "Engine alone: without Gymnasium's part of a step, which is serial: arrays, infos."
+        )
     curve = Curve(
         "scaling",
         "Batch size and threads",

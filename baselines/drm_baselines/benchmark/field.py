@@ -8,7 +8,7 @@ end.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 import drm_env
 from drm_baselines import storage
 from drm_baselines.benchmark.bound import bounds_of
+from drm_baselines.benchmark.receding import Receding, fly_all
 from drm_baselines.benchmark.results import Record
 from drm_baselines.benchmark.suites import Manoeuvres
 from drm_baselines.benchmark.tuning import load_gains
@@ -33,6 +34,10 @@ BOUND_EPISODES = {"robust": 500, "unmodelled": 40, "heavy": 100, "rough": 100}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
 plant has three times as many unknowns, one of a heavy payload needs several attempts."""
 
+RECEDING_EPISODES = {"robust": 250, "unmodelled": 40, "heavy": 25, "rough": 50}
+"""Episodes that the receding-horizon controller flies, evenly spread among those of the bound; all
+in other suites. It solves several programmes a flight."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Competitor:
@@ -44,6 +49,8 @@ class Competitor:
         See :class:`drm_baselines.benchmark.results.Record`.
     law
         The law as data, for what the engine flies as a law.
+    receding
+        Settings of the receding-horizon controller, for what it flies.
     runs
         Directories of the trained policies, by training seed.
     """
@@ -53,6 +60,7 @@ class Competitor:
     kind: str
     knows: str = "reported"
     law: Mapping[str, Any] | None = None
+    receding: Receding | None = None
     runs: Mapping[int, Path] = field(default_factory=dict)
 
     def fly(self, manoeuvres: Manoeuvres, progress: Progress | None = None) -> Record:
@@ -68,6 +76,12 @@ class Competitor:
             wanted = BOUND_EPISODES.get(manoeuvres.suite.name, len(manoeuvres))
             episodes = episodes[:: max(1, len(manoeuvres) // wanted)]
             rows, period, details = [self._bound(manoeuvres, episodes, progress)], 0.02, {}
+        elif self.receding is not None:
+            wanted = RECEDING_EPISODES.get(manoeuvres.suite.name, len(manoeuvres))
+            episodes = episodes[:: max(1, len(manoeuvres) // wanted)]
+            rows = [self._receding(manoeuvres, episodes, progress)]
+            period = self.receding.hold * LAW_PERIOD
+            details = {"receding": asdict(self.receding)}
         elif self.law is not None:
             rows = [self._law(manoeuvres, progress)]
             period, details = LAW_PERIOD, {"law": dict(self.law)}
@@ -103,6 +117,18 @@ class Competitor:
         found["bound_predicted"] = np.array([bound.predicted for bound in bounds])
         found["bound_solved"] = np.array([float(bound.solved) for bound in bounds])
         return found
+
+    def _receding(
+        self, manoeuvres: Manoeuvres, episodes: NDArray[np.int64], progress: Progress | None
+    ) -> dict[str, NDArray[np.float64]]:
+        return fly_all(
+            [manoeuvres.scenarios[index] for index in episodes],
+            seeds=[int(index) for index in episodes],
+            settings=self.receding,
+            progress=None
+            if progress is None
+            else lambda done, total: progress(self.title, done, total),
+        )
 
     def _law(
         self, manoeuvres: Manoeuvres, progress: Progress | None
@@ -167,6 +193,10 @@ _LAWS = (
     ),
 )  # fmt: skip
 
+_RECEDING = Competitor(
+    policy="receding", title="adaptive receding horizon", kind="controller", receding=Receding()
+)
+
 _TUNED = {
     "linear": "linear law, retuned",
     "lyapunov": "Lyapunov law, retuned",
@@ -190,7 +220,7 @@ def runs_in(directory: Path) -> dict[int, Path]:
 
 
 def competitors(learned: Path | None = None) -> list[Competitor]:
-    """Return everybody: bound, laws, tuned laws, and the learned policies of a directory.
+    """Return everybody: bound, laws, tuned laws, controller, learned policies of a directory.
 
     ``learned`` holds a directory a method (see :data:`LEARNERS`) with one a seed in it; by default
     the policies that come with the package.
@@ -210,7 +240,7 @@ def competitors(learned: Path | None = None) -> list[Competitor]:
         for name, (title, knows) in LEARNERS.items()
         if (runs := runs_in(base / name))
     ]
-    return [*_LAWS, *tuned, *methods]
+    return [*_LAWS, *tuned, _RECEDING, *methods]
 
 
 def chosen(everybody: Sequence[Competitor], names: Sequence[str] | None) -> list[Competitor]:

@@ -138,6 +138,9 @@ class Programme:
     smoothing
         Tip error (m) that a change of r by the whole limit from one interval to the next is worth,
         for each wheel, shape (2,); zero: r may jump.
+    effort
+        Tip error (m) that a wheel's full torque is worth; where nothing else tells them, torques
+        are zero.
     authority
         Share of the torque limits that the programme may use: what is left is for whoever flies
         the plan and has gone astray.
@@ -152,6 +155,7 @@ class Programme:
         *,
         feedback: _Array | None = None,
         smoothing: _Array | None = None,
+        effort: float = 0.0,
         authority: float = 1.0,
         unit: float = 1.0,
         scale: float = 1e-2,
@@ -170,15 +174,20 @@ class Programme:
         )
         self._samples = model.error_offset.shape[1]
         weight = np.zeros(2) if smoothing is None else 2.0 * np.square(smoothing / self.unit)
-        self._cost = self._hessian(count, weight)
-        self._constraints = self._equations(model, feedback)
+        law = np.zeros((2, size)) if feedback is None else feedback
+        self._fractions = np.concatenate(
+            [law * self.scale / self.limits[:, None], np.eye(2)], axis=1
+        )
+        self._cost = self._hessian(count, weight, (effort / self.unit) ** 2)
+        self._constraints = self._equations(model)
         driven = np.concatenate([model.start[None], model.offset[:-1]]) / self.scale
         self._sides = np.concatenate([driven.ravel(), np.full(4 * count, authority)])
         self._cones = [clarabel.ZeroConeT(count * size), clarabel.NonnegativeConeT(4 * count)]
 
-    def _hessian(self, count: int, smoothing: _Array) -> sparse.csc_matrix:
+    def _hessian(self, count: int, smoothing: _Array, effort: float) -> sparse.csc_matrix:
         size, width = self.size, self.size + 2
         blocks = 2.0 / self._samples * np.einsum("kia,kib->kab", self._rows, self._rows)
+        blocks += 2.0 * effort * self._fractions.T @ self._fractions
         wheels = range(size, width)
         blocks[:, wheels, wheels] += 2.0 * _EFFORT
         blocks[:-1, wheels, wheels] += smoothing
@@ -199,7 +208,7 @@ class Programme:
             shape=(count * width, count * width),
         )
 
-    def _equations(self, model: drm_env.Transitions, feedback: _Array | None) -> sparse.csc_matrix:
+    def _equations(self, model: drm_env.Transitions) -> sparse.csc_matrix:
         count, size, width = len(model.offset), self.size, self.size + 2
         first = (np.arange(count) * width)[:, None]
         step = np.concatenate(
@@ -224,9 +233,7 @@ class Programme:
             ),
             shape=(count * size, count * width),
         )
-        law = np.zeros((2, size)) if feedback is None else feedback
-        fractions = np.concatenate([law * self.scale / self.limits[:, None], np.eye(2)], axis=1)
-        wheels = sparse.kron(sparse.eye_array(count), fractions, format="csc")
+        wheels = sparse.kron(sparse.eye_array(count), self._fractions, format="csc")
         return sparse.csc_matrix(sparse.vstack([motion, wheels, -wheels]))
 
     def solve(self, error_offset: _Array) -> tuple[_Array, _Array, bool]:

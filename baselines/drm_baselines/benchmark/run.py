@@ -11,6 +11,7 @@ import csv
 import hashlib
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ def fingerprint(competitor: Competitor, manoeuvres: Manoeuvres) -> str:
             "base": dict(manoeuvres.suite.base),
             "kind": competitor.kind,
             "law": None if competitor.law is None else dict(competitor.law),
+            **({} if competitor.receding is None else {"receding": asdict(competitor.receding)}),
             "runs": weights,
             "engine": drm_env.__version__,
         },
