@@ -363,7 +363,9 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
         (["pid"], "'pid' cannot be tuned; there are linear, lyapunov, lqr, ppo, sac"),
         (["linear", "--steps", "5"], "--steps means nothing for linear"),
         (["ppo", "--suite", "robust"], "--suite means nothing for ppo"),
-        (["sac", "--package"], "--package means nothing for sac"),
+        (["sac", "--scenarios", "8"], "--scenarios means nothing for sac"),
+        (["lqr", "--hyperparameters", "a.toml"], "--hyperparameters means nothing for lqr"),
+        (["sac", "--hyperparameters", "missing.toml"], "no hyperparameter file missing.toml"),
         (["linear", "--scenarios", "6"], "multiple of 4"),
         (["linear", "--suite", "thesis"], "lists its manoeuvres"),
     ],
@@ -450,3 +452,26 @@ def test_settings_of_learning_are_searched(tmp_path: Path) -> None:
     whole = drm("tune", "ppo", "--steps", 1, "--out", tmp_path / "b", "--trials", 2)
     assert whole.exit_code == 0, whole.output
     assert rows(tmp_path / "b") == table
+
+
+@pytest.mark.slow
+def test_settings_of_a_file_are_searched_and_packaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("stable_baselines3")
+    base = dataclasses.replace(hyperparameters.load_hyperparameters("ppo"), learning_rate=1.5e-3)
+    start = tmp_path / "start.toml"
+    start.write_text(tuning.toml_of(base), encoding="utf-8")
+    monkeypatch.setattr(tuning, "__file__", str(tmp_path / "package" / "tuning.py"))
+    result = drm(
+        "tune", "ppo", "--steps", 1, "--trials", 1, "--hyperparameters", start,
+        "--out", tmp_path / "a", "--package",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    learners = tmp_path / "package" / "learners"
+    found = hyperparameters.load_hyperparameters("ppo", learners / "ppo.toml")
+    assert found.learning_rate == pytest.approx(1.5e-3)
+    record = json.loads((learners / "ppo.search.json").read_text())
+    assert [row["trial"] for row in record["record"]] == [0]
+    assert record["record"][0]["parameters"]["learning_rate"] == pytest.approx(1.5e-3)
+    assert f"--hyperparameters {start}" in record["command"]

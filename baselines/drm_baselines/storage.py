@@ -17,14 +17,16 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines.errors import ExistingResultError
+from drm_baselines.errors import ExistingResultError, RunError
 
 
 def refuse(path: Path) -> NoReturn:
@@ -88,6 +90,36 @@ def write_json(path: Path, content: Any, *, overwrite: bool = False) -> Path:
     """Write ``content`` as indented JSON without NaN; return ``path``."""
     text = json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
     return write_text(path, text, overwrite=overwrite)
+
+
+def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], digest: str) -> Path:
+    """Write arrays to a NumPy archive without pickles, replacing an older one; return ``path``.
+
+    ``digest`` says what they were made with: see :func:`load_arrays`.
+    """
+    content: dict[str, Any] = {"digest": np.array(digest), **arrays}
+    with atomic_path(path, overwrite=True) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **content)
+    return path
+
+
+def load_arrays(path: Path, digest: str) -> dict[str, NDArray[Any]] | None:
+    """Read arrays back; none if the file is missing or was made with another ``digest``.
+
+    Raises
+    ------
+    RunError
+        The file is damaged.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if str(archive["digest"]) != digest:
+                return None
+            return {name: archive[name] for name in archive.files if name != "digest"}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise RunError(f"{path} cannot be read: {error}; delete it to make it anew") from error
 
 
 def claim_directory(directory: Path, *, force: bool = False) -> Path:

@@ -21,6 +21,7 @@ import csv
 import hashlib
 import json
 import math
+import shlex
 import shutil
 import time
 import warnings
@@ -429,13 +430,16 @@ class LearningRequest:
     steps: int = 400_000
     trials: int = 20
     seed: int = 0
+    base: Path | None = None
+    """Settings that the search begins with and keeps elsewhere; none: the packaged ones."""
 
     @property
     def command(self) -> str:
         """The command that makes the search anew."""
+        base = "" if self.base is None else f" --hyperparameters {shlex.quote(str(self.base))}"
         return (
             f"drm tune {self.algorithm} --steps {self.steps} --trials {self.trials} "
-            f"--seed {self.seed}"
+            f"--seed {self.seed}{base}"
         )
 
 
@@ -695,7 +699,7 @@ def tune_learning(
         raise BaselineError(
             f"training needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
         ) from error
-    base = hyperparameters.load_hyperparameters(request.algorithm)
+    base = hyperparameters.load_hyperparameters(request.algorithm, request.base)
     show = progress or _silent
 
     class Watcher(training.SilentWatcher):
@@ -772,7 +776,19 @@ def tune_learning(
         f"tip error RMS {best.value:.4g} mm (interquartile mean of {CURVE_EPISODES} episodes of "
         f"the learning curve).\nMade by: {request.command}"
     )
-    path = storage.write_text(directory / BEST_FILE, toml_of(settings, note), overwrite=True)
+    text = toml_of(settings, note)
+    path = storage.write_text(directory / BEST_FILE, text, overwrite=True)
+    content["settings file"] = text
+    content["record"] = [
+        {
+            "trial": trial.number,
+            "value": trial.value,
+            "parameters": dict(trial.parameters),
+            "seconds": trial.seconds,
+            "reason": trial.reason,
+        }
+        for trial in trials
+    ]
     return Outcome(
         content=content,
         found=found,
@@ -782,20 +798,25 @@ def tune_learning(
 
 
 def package(outcome: Outcome) -> Path:
-    """Copy the result of a finished search of gains into the package; return the file.
+    """Copy the result of a finished search into the package; return the file.
+
+    Gains go to ``gains``; settings of learning become those of the benchmark's learner, with the
+    record of the search beside them (``<name>.search.json``).
 
     Raises
     ------
     BaselineError
-        The search was interrupted, or is one of settings.
+        The search was interrupted.
     """
-    content = outcome.content
-    if content.get("format") != FORMAT:
-        raise BaselineError("only gains are packaged, not the settings of learning")
+    content = dict(outcome.content)
     if outcome.interrupted:
         raise BaselineError("the search was interrupted; only a finished one is packaged")
-    path = Path(__file__).parent / "gains" / f"{content['name']}.json"
-    return storage.write_json(path, content, overwrite=True)
+    name, here = content["name"], Path(__file__).parent
+    if content.get("format") == FORMAT:
+        return storage.write_json(here / "gains" / f"{name}.json", content, overwrite=True)
+    text = content.pop("settings file")
+    storage.write_json(here / "learners" / f"{name}.search.json", content, overwrite=True)
+    return storage.write_text(here / "learners" / f"{name}.toml", text, overwrite=True)
 
 
 def load_gains(law: str) -> dict[str, Any]:

@@ -11,14 +11,14 @@ from drm_baselines.cli.common import console, guarded, progress_bar
 from drm_baselines.errors import BaselineError
 
 
-def _modules() -> tuple[Any, Any]:
+def _modules() -> tuple[Any, Any, Any]:
     try:
-        from drm_baselines.imitation import dagger, teacher
+        from drm_baselines.imitation import dagger, replanning, teacher
     except ImportError as error:
         raise BaselineError(
             f"imitation needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
         ) from error
-    return dagger, teacher
+    return dagger, replanning, teacher
 
 
 @guarded
@@ -27,12 +27,16 @@ def imitate(
     seed: Annotated[
         int, typer.Option(min=0, max=999, help="Seed of weights, manoeuvres and minibatches.")
     ] = 0,
-    plans: Annotated[
-        Path, typer.Option(help="File of the teacher's plans; made if it is missing.")
-    ] = Path("results/benchmark/plans.npz"),
+    teacher: Annotated[
+        Path,
+        typer.Option(help="Directory of the teacher's plans and examples; made if missing."),
+    ] = Path("results/benchmark/teacher"),
     scenarios: Annotated[
         int, typer.Option(min=4, help="Manoeuvres that the teacher plans, a quarter a stratum.")
-    ] = 1600,
+    ] = 2000,
+    generations: Annotated[
+        int, typer.Option(min=0, help="Pilots that fly for new plans under way.")
+    ] = 1,
     rounds: Annotated[
         int | None, typer.Option(min=1, help="Rounds of flying and learning.", show_default=False)
     ] = None,
@@ -42,21 +46,30 @@ def imitate(
 ) -> None:
     """Learn by imitation of the convex programme's torques (DAgger).
 
-    The teacher knows the true payload, the student what an agent sees. Plans are made once (ten
-    minutes on two cores) and shared by all seeds, each of which draws its own three quarters.
+    The teacher knows the true payload, the student what an agent sees. Plans, and new plans
+    from where pilots have gone astray, are made once (some twenty minutes on two cores) and shared
+    by all seeds, each of which draws its own three quarters of the manoeuvres. Interrupted, the
+    same command goes on with what the teacher has finished.
     """
-    dagger, teacher = _modules()
-    teaching = teacher.Teaching(scenarios=scenarios)
+    dagger, replanning, teachers = _modules()
+    teaching = teachers.Teaching(scenarios=scenarios, generations=generations)
     settings = {} if rounds is None else {"rounds": rounds}
     study = dagger.Study(seed=seed, teaching=teaching, **settings)
-    found = teacher.load_plans(plans, teaching)
-    if found is None:
-        with progress_bar() as progress:
-            task = progress.add_task("planning", total=scenarios, note="manoeuvres")
-            found = teacher.make_plans(
-                teaching, progress=lambda done, _: progress.update(task, completed=done)
+    plans = teachers.load_plans(teacher / "plans.npz", teaching)
+    with progress_bar() as progress:
+        tasks: dict[str, Any] = {}
+
+        def prepared(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = progress.add_task(what, total=total, note="")
+            progress.update(tasks[what], completed=done)
+
+        if plans is None:
+            plans = teachers.make_plans(
+                teaching, progress=lambda done, total: prepared("planning", done, total)
             )
-        teacher.save_plans(plans, found, teaching)
+            teachers.save_plans(teacher / "plans.npz", plans, teaching)
+        shown = replanning.prepare(teacher, plans, teaching, progress=prepared)
     with progress_bar() as progress:
         task = progress.add_task("learning", total=study.rounds, note="rounds")
 
@@ -70,5 +83,5 @@ def imitate(
                 highlight=False,
             )
 
-        dagger.imitate(out, study, found, force=force, watch=watch)
+        dagger.imitate(out, study, plans, shown, force=force, watch=watch)
     console.print(f"saved in {out}", soft_wrap=True)

@@ -106,6 +106,14 @@ def tune(
             show_default=False,
         ),
     ] = None,
+    hyperparameters: Annotated[
+        Path | None,
+        typer.Option(
+            help="Learning: TOML file with the settings of the first trial; the packaged ones by "
+            "default.",
+            show_default=False,
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, max=999, help="Seed of the search.")] = 0,
     out: Annotated[
         Path | None,
@@ -115,7 +123,11 @@ def tune(
     ] = None,
     package: Annotated[
         bool,
-        typer.Option("--package", help="Laws: also put the gains into the package, as its own."),
+        typer.Option(
+            "--package",
+            help="Also put the gains into the package, as its own, or the settings, as those of "
+            "the benchmark's learner.",
+        ),
     ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
@@ -134,8 +146,8 @@ def tune(
     tuning.check_target(target)
     is_law = target in tuning.GAINS
     given = (
-        {"--steps": steps} if is_law
-        else {"--suite": suite, "--scenarios": scenarios, "--package": package or None}
+        {"--steps": steps, "--hyperparameters": hyperparameters} if is_law
+        else {"--suite": suite, "--scenarios": scenarios}
     )  # fmt: skip
     for name, value in given.items():
         if value is not None:
@@ -158,6 +170,7 @@ def tune(
                 steps=steps if steps is not None else 400_000,
                 trials=trials if trials is not None else 20,
                 seed=seed,
+                base=hyperparameters,
             )
             command = settings.command
             outcome = tuning.tune_learning(directory, settings, force=force, progress=progress)

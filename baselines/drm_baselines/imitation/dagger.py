@@ -28,9 +28,9 @@ from torch import nn
 
 import drm_env
 from drm_baselines import storage
-from drm_baselines.benchmark.programme import torque_limits
 from drm_baselines.errors import RunError
 from drm_baselines.evaluation import config_data
+from drm_baselines.imitation.flights import Array, Examples, Flight
 from drm_baselines.imitation.teacher import Plans, Teaching
 from drm_baselines.interruption import stop_on_signal
 from drm_baselines.network import DESCRIPTION_FILE, WEIGHTS_FILE, Perceptron, save_policy
@@ -41,8 +41,7 @@ CURVE_SEED = 910_000_000
 """First seed of the manoeuvres behind the curve of a run: apart from training and from suites."""
 
 _CURVE_EPISODES = 50  # a stratum
-
-Array = NDArray[np.float32]
+_LEVERS = np.array([12.0, 2.0, 2.0])  # m/rad at mid extension; deflections of the ends are twice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +58,11 @@ class Study:
         Share of the planned manoeuvres that this student sees.
     kept
         Share of the decisions that are kept as examples.
+    tolerance
+        Deviation from the plan (m, roughly at the tip) at which half the trust in the feedback
+        around it is lost.
+    precision
+        Action error from which on errors count linearly and not by their square.
     epochs, last_epochs
         Passes over all examples after each round, and after the last.
     batch_size, learning_rate
@@ -70,11 +74,13 @@ class Study:
     """
 
     seed: int = 0
-    rounds: int = 4
+    rounds: int = 7
     share: float = 0.75
-    kept: float = 0.2
-    epochs: int = 3
-    last_epochs: int = 7
+    kept: float = 0.15
+    tolerance: float = 5.0e-3
+    precision: float = 0.01
+    epochs: int = 2
+    last_epochs: int = 14
     batch_size: int = 2048
     learning_rate: float = 2.0e-3
     layers: tuple[int, ...] = (128, 128)
@@ -124,21 +130,6 @@ class Student(nn.Module):
         )
 
 
-class _Examples:
-    """Observations and what the teacher would have done."""
-
-    def __init__(self) -> None:
-        self.observations: list[Array] = []
-        self.actions: list[Array] = []
-        self.decisions = 0
-
-    def arrays(self) -> tuple[torch.Tensor, torch.Tensor]:
-        return (
-            torch.from_numpy(np.concatenate(self.observations)),
-            torch.from_numpy(np.concatenate(self.actions)),
-        )
-
-
 class _Lesson:
     """The manoeuvres of one stratum that a student sees."""
 
@@ -146,47 +137,31 @@ class _Lesson:
         chosen = rng.permutation(len(plans.seeds))
         chosen = np.sort(chosen[: max(1, round(study.share * len(chosen)))])
         self.study = study
-        self.seeds = [int(seed) for seed in plans.seeds[chosen]]
-        self.torques, self.angle = plans.torques[chosen], plans.angle[chosen]
-        self.config = study.teaching.config(plans.stratum)
-        layout = drm_env.observation_layout(config=self.config)
-        names = [entry.name for entry in layout]
-        self._error = names.index("slew_error")
-        self._scale = layout[self._error].scale
-        self._limit = float(torque_limits(self.config["scenario"])[0])
-
-    def advice(self, k: int, observations: Array) -> Array:
-        """Return what the teacher would do at decision k, seeing the same slew error."""
-        error = observations[:, self._error].astype(np.float64) * self._scale
-        action = self.torques[:, k].astype(np.float64)
-        teaching = self.study.teaching
-        action[:, 0] -= teaching.angle_feedback / self._limit * (error - self.angle[:, k])
-        return np.clip(action / teaching.wheel_scale, -1.0, 1.0).astype(np.float32)
+        self.flight = Flight(plans.of(chosen), study.teaching)
 
     def fly(
-        self, student: Perceptron | None, examples: _Examples, rng: np.random.Generator
-    ) -> None:
-        """Fly all manoeuvres, by the teacher without a student, and keep examples."""
-        env = drm_env.DrmVectorEnv(num_envs=len(self.seeds), config=self.config)
-        try:
-            observations, _ = env.reset(seed=self.seeds)
-            for k in range(self.torques.shape[1]):
-                advice = self.advice(k, observations)
-                if rng.random() < self.study.kept:
-                    examples.observations.append(observations.copy())
-                    examples.actions.append(advice)
-                actions = advice if student is None else student(observations)
-                observations, *_ = env.step(actions)
-            examples.decisions += self.torques.shape[1] * len(self.seeds)
-        finally:
-            env.close()
+        self, student: Perceptron | None, examples: Examples, rng: np.random.Generator
+    ) -> dict[str, NDArray[np.float64]]:
+        """Fly all manoeuvres, by the teacher without a student, keep examples; return metrics."""
+        plans, study = self.flight.plans, self.study
+
+        def looked(k: int, observations: Array, states: NDArray[np.float64], advice: Array) -> None:
+            if rng.random() < study.kept:
+                # the ends' deflections weigh a few times more than the slew error: metres roughly
+                away = np.abs(states - plans.states[:, k])[:, :3] @ _LEVERS
+                trust = 1.0 / (1.0 + np.square(away / study.tolerance))
+                examples.keep(observations, advice, trust.astype(np.float32))
+
+        metrics = self.flight.fly(student, looked)
+        examples.decisions += plans.torques.shape[0] * plans.torques.shape[1]
+        return metrics
 
 
 def _learn(
-    student: Student, examples: _Examples, study: Study, epochs: int, rng: np.random.Generator,
+    student: Student, examples: Examples, study: Study, epochs: int, rng: np.random.Generator,
     stopped: Callable[[], bool],
 ) -> float:  # fmt: skip
-    observations, actions = examples.arrays()
+    observations, actions, trust = (torch.from_numpy(part) for part in examples.arrays())
     count = max(1, epochs * len(observations) // study.batch_size)
     optimiser = torch.optim.Adam(student.parameters())
     rate = torch.optim.lr_scheduler.OneCycleLR(
@@ -197,7 +172,10 @@ def _learn(
         if stopped():
             break
         chosen = torch.from_numpy(rng.integers(0, len(observations), study.batch_size))
-        loss = nn.functional.mse_loss(student(observations[chosen]), actions[chosen])
+        wrong = nn.functional.huber_loss(
+            student(observations[chosen]), actions[chosen], delta=study.precision, reduction="none"
+        )
+        loss = (wrong.mean(dim=1) * trust[chosen]).mean()
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it without types
         optimiser.step()
@@ -222,11 +200,15 @@ def imitate(
     directory: Path,
     study: Study,
     plans: Sequence[Plans],
+    shown: Sequence[tuple[Array, Array, Array]] = (),
     *,
     force: bool = False,
     watch: Callable[[int, dict[str, float]], None] | None = None,
 ) -> Path:
     """Teach one student and save its policy in ``directory``.
+
+    ``shown`` are examples from elsewhere: observations, actions and trust, see
+    :mod:`drm_baselines.imitation.replanning`.
 
     ``watch`` is called after each round with its number and the curve's newest point.
 
@@ -246,7 +228,8 @@ def imitate(
     torch.manual_seed(study.seed)
     rng = np.random.default_rng([study.seed, 20])
     lessons = [_Lesson(plan, study, rng) for plan in plans]
-    examples = _Examples()
+    examples = Examples()
+    examples.add(shown)
     student: Student | None = None
     points: list[dict[str, float]] = []
     begun = time.monotonic()
@@ -260,7 +243,7 @@ def imitate(
             if stop.is_set():
                 break
             if student is None:
-                seen = np.concatenate(examples.observations)
+                seen = examples.arrays()[0]
                 student = Student(study, seen.mean(axis=0), seen.std(axis=0) + np.float32(1e-3))
             best = copy.deepcopy(student.state_dict())
             epochs = study.last_epochs if number + 1 == study.rounds else study.epochs

@@ -1,18 +1,18 @@
 """The teacher: plans for training manoeuvres by somebody who knows the true payload.
 
 A plan is the solution of the convex programme with the inner law in the loop, smooth in time so
-that a network can follow it, and a feedback on the slew error around it: where the student has
-gone astray, the teacher shows the way back. What it knows beforehand the student has to find
-out from how the arm answers.
+that a network can follow it, with the linear-quadratic feedback around it: where the student has
+gone a little astray, the teacher shows the best way back. Where it has gone far, the teacher has to
+plan anew: :mod:`drm_baselines.imitation.replanning`. What the teacher knows beforehand the student
+has to find out from how the arm answers.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines import storage
+from drm_baselines.benchmark.feedback import feedback_around, saturation
 from drm_baselines.benchmark.programme import (
     Programme,
     closed_loop,
@@ -29,12 +30,9 @@ from drm_baselines.benchmark.programme import (
     torque_limits,
 )
 from drm_baselines.benchmark.suites import STRATA, suite_named
-from drm_baselines.errors import RunError
 from drm_baselines.policies import LAW_PERIOD
 
-PLANS_FORMAT = "drm-teacher-plans 1"
-
-_Array = NDArray[np.float32]
+PLANS_FORMAT = "drm-teacher-plans 2"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +54,22 @@ class Teaching:
     smoothing
         Tip error (m) that a change of a wheel's torque by its limit is worth.
     authority
-        Share of the torque limits that a plan uses. A plan at the limit itself cannot be regained
-        once it is lost.
-    angle_feedback
-        Torque of the root wheel per slew error from the plan, N m/rad.
+        Share of the torque limits that a plan uses: the rest is for who flies it and errs.
+    effort
+        Tip error (m) that a wheel's full torque is worth in a plan: small, but it brings the wheels
+        to rest where nothing is to be gained.
+    softness
+        Tip error (m) that a deviation from a plan's torque by the whole limit is worth: sets the
+        stiffness of the feedback around the plan.
+    overshoot
+        What is asked for beyond the limit where a plan saturates a wheel, as a fraction of it, so
+        that a student who is not exact saturates it too.
+    replanned
+        Share of the manoeuvres with saturated wheels that are planned anew under way.
+    period
+        Decisions from one new plan to the next.
+    generations
+        Times that a pilot, trained on what there was before, flies them for it.
     wheel_scale
         Torque of a wheel at an action of 1, in multiples of its limit: enough to overrule the inner
         law where a plan saturates the wheels.
@@ -68,7 +78,7 @@ class Teaching:
     """
 
     suite: str = "robust"
-    scenarios: int = 1600
+    scenarios: int = 2000
     first_seed: int = 1_000_000_000
     inner_law: Mapping[str, Any] = field(
         default_factory=lambda: {
@@ -78,9 +88,14 @@ class Teaching:
         }
     )
     hold: int = 10
-    smoothing: float = 5.0e-4
-    authority: float = 0.93
-    angle_feedback: float = 2.0e5
+    smoothing: float = 1.0e-3
+    authority: float = 0.985
+    effort: float = 1.0e-4
+    softness: float = 1.0e-2
+    overshoot: float = 0.2
+    replanned: float = 0.4
+    period: int = 75
+    generations: int = 1
     wheel_scale: float = 4.0
     identified: bool = True
 
@@ -104,42 +119,113 @@ class Teaching:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plans:
-    """Plans of the manoeuvres of one stratum.
+class Plan:
+    """A plan of one manoeuvre, from some instant on.
 
     Attributes
     ----------
-    stratum, seeds
-        Where the manoeuvres come from.
     torques
-        Fractions of the wheels' limits beyond the inner law, not limited, (n, intervals, 2).
-    angle
-        Slew error at the instants, rad, (n, intervals).
+        Fractions of the wheels' limits beyond the inner law, not limited, (intervals, 2).
+    states
+        Deviation from the undeflected arm at the reference at the instants, (intervals, 6).
+    gains
+        Of the deviation from ``states``, fractions of the limits, (intervals, 2, 6).
+    saturated
+        Sign of the torque where a wheel is at its limit, else 0, (intervals, 2).
+    solved
+        Whether the solver reached its tolerance.
     """
+
+    torques: NDArray[np.float32]
+    states: NDArray[np.float32]
+    gains: NDArray[np.float32]
+    saturated: NDArray[np.int8]
+    solved: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plans:
+    """Plans of the manoeuvres of one stratum: see :class:`Plan`, with a leading axis."""
 
     stratum: int
     seeds: NDArray[np.int64]
-    torques: _Array
-    angle: NDArray[np.float64]
+    torques: NDArray[np.float32]
+    states: NDArray[np.float32]
+    gains: NDArray[np.float32]
+    saturated: NDArray[np.int8]
+
+    def of(self, chosen: NDArray[np.int64]) -> Plans:
+        """Return copies of the plans of some of the manoeuvres."""
+        arrays = {name: getattr(self, name)[chosen] for name in ("seeds", *_PARTS)}
+        return Plans(stratum=self.stratum, **arrays)
+
+    def put(self, index: int, k: int, plan: Plan) -> None:
+        """Replace the plan of one manoeuvre from decision ``k`` on."""
+        for name in _PARTS:
+            part = getattr(plan, name)
+            getattr(self, name)[index, k : k + len(part)] = part
 
 
-def plan_of(
-    scenario: Mapping[str, Any], teaching: Teaching
-) -> tuple[_Array, NDArray[np.float64], bool]:
-    """Return torque fractions (intervals, 2), slew errors (intervals,), and whether solved."""
+_PARTS = ("torques", "states", "gains", "saturated")
+
+
+def plan_from(
+    scenario: Mapping[str, Any],
+    teaching: Teaching,
+    k: int = 0,
+    state: NDArray[np.float64] | None = None,
+    end: int | None = None,
+) -> Plan:
+    """Return the plan of a manoeuvre from decision ``k`` on, where its state is ``state``.
+
+    ``state`` is the deviation from the undeflected arm at the reference, shape (6,); none: the
+    start. A plan from a state may ``end`` before a decision, where nothing is left to be done.
+    """
     feedback, limits = linear_feedback(teaching.inner_law), torque_limits(scenario)
-    fine = drm_env.transitions(scenario, hold=1)
-    model = closed_loop(fine, feedback, teaching.hold)
-    smoothing = np.full(2, teaching.smoothing)
+    model = closed_loop(drm_env.transitions(scenario, hold=1), feedback, teaching.hold)
+    if state is not None:
+        model = drm_env.Transitions(state, *(part[k:end] for part in model[1:]))
     programme = Programme(
-        model, limits, feedback=feedback, smoothing=smoothing, authority=teaching.authority
+        model,
+        limits,
+        feedback=feedback,
+        smoothing=np.full(2, teaching.smoothing),
+        effort=teaching.effort,
+        authority=teaching.authority,
     )
     held, states, solved = programme.solve(model.error_offset)
-    return (held / limits).astype(np.float32), states[:, 0], solved
+    saturated = saturation(held, states, feedback, limits, teaching.authority)
+    gains = feedback_around(model, limits, feedback, saturated, teaching.softness)
+    return Plan(
+        torques=(held / limits).astype(np.float32),
+        states=states.astype(np.float32),
+        gains=gains.astype(np.float32),
+        saturated=saturated,
+        solved=solved,
+    )
 
 
-def _digest(teaching: Teaching) -> str:
-    return json.dumps({"format": PLANS_FORMAT, **asdict(teaching)}, sort_keys=True)
+def advise(
+    plans: Plans, k: int, states: NDArray[np.float64], teaching: Teaching
+) -> NDArray[np.float32]:
+    """Return what the teacher would do at decision k in these states (n, 6): actions (n, 2)."""
+    deviation = states - plans.states[:, k]
+    torques = plans.torques[:, k] + np.einsum("nij,nj->ni", plans.gains[:, k], deviation)
+    torques = torques + teaching.overshoot * plans.saturated[:, k]
+    actions: NDArray[np.float32] = np.clip(torques / teaching.wheel_scale, -1.0, 1.0)
+    return actions.astype(np.float32)
+
+
+def digest_of(teaching: Teaching, study: Any = None) -> str:
+    """Return a text that says what plans, or examples of a study with them, were made with."""
+    content = {"format": PLANS_FORMAT, **asdict(teaching)}
+    if study is None:
+        # what is done with the plans later
+        for name in ("replanned", "period", "generations"):
+            content.pop(name)
+    else:
+        content["study"] = asdict(study)
+    return json.dumps(content, sort_keys=True)
 
 
 def make_plans(
@@ -148,25 +234,27 @@ def make_plans(
     """Plan all manoeuvres, side by side; one that was not solved is left out."""
     plans = []
     done = 0
-    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+    with ProcessPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
         for stratum in range(len(STRATA)):
             seeds = teaching.seeds(stratum)
             scenarios = drm_env.sample_scenarios(
                 config=teaching.config(stratum), seed=seeds[0], n=len(seeds)
             )
             found = []
-            for plan in pool.map(lambda scenario: plan_of(scenario, teaching), scenarios):
+            for plan in pool.map(plan_from, scenarios, [teaching] * len(scenarios), chunksize=4):
                 found.append(plan)
                 done += 1
                 if progress is not None:
                     progress(done, teaching.scenarios)
-            solved = np.array([plan[2] for plan in found])
+            solved = np.array([plan.solved for plan in found])
             plans.append(
                 Plans(
                     stratum=stratum,
                     seeds=np.asarray(seeds, dtype=np.int64)[solved],
-                    torques=np.array([plan[0] for plan in found])[solved],
-                    angle=np.array([plan[1] for plan in found])[solved],
+                    **{
+                        name: np.array([getattr(plan, name) for plan in found])[solved]
+                        for name in _PARTS
+                    },
                 )
             )
     return plans
@@ -174,14 +262,12 @@ def make_plans(
 
 def save_plans(path: Path, plans: Sequence[Plans], teaching: Teaching) -> Path:
     """Write plans to a NumPy archive without pickles, replacing an older one in one rename."""
-    arrays: dict[str, Any] = {"digest": np.array(_digest(teaching))}
-    for plan in plans:
-        arrays[f"seeds{plan.stratum}"] = plan.seeds
-        arrays[f"torques{plan.stratum}"] = plan.torques
-        arrays[f"angle{plan.stratum}"] = plan.angle
-    with storage.atomic_path(path, overwrite=True) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **arrays)
-    return path
+    arrays = {
+        f"{name}{plan.stratum}": getattr(plan, name)
+        for plan in plans
+        for name in ("seeds", *_PARTS)
+    }
+    return storage.save_arrays(path, arrays, digest_of(teaching))
 
 
 def load_plans(path: Path, teaching: Teaching) -> list[Plans] | None:
@@ -192,20 +278,10 @@ def load_plans(path: Path, teaching: Teaching) -> list[Plans] | None:
     RunError
         The file is damaged.
     """
-    if not path.is_file():
+    arrays = storage.load_arrays(path, digest_of(teaching))
+    if arrays is None:
         return None
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            if str(arrays["digest"]) != _digest(teaching):
-                return None
-            return [
-                Plans(
-                    stratum=stratum,
-                    seeds=arrays[f"seeds{stratum}"],
-                    torques=arrays[f"torques{stratum}"],
-                    angle=arrays[f"angle{stratum}"],
-                )
-                for stratum in range(len(STRATA))
-            ]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise RunError(f"{path} cannot be read: {error}; delete it to plan anew") from error
+    return [
+        Plans(stratum=stratum, **{name: arrays[f"{name}{stratum}"] for name in ("seeds", *_PARTS)})
+        for stratum in range(len(STRATA))
+    ]
