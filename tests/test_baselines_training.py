@@ -17,6 +17,7 @@ pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 from drm_baselines import load_policy
+from drm_baselines.asymmetric import PRIVILEGED, PrivilegedObservations
 from drm_baselines.errors import BaselineError, ExistingResultError, RunError
 from drm_baselines.evaluation import TRAINING_SEED, environment_config
 from drm_baselines.export import perceptron_of
@@ -188,6 +189,109 @@ def test_environments_start_spread_over_the_episode() -> None:
     assert len({steps[0] for steps in ends.values()}) == 5
 
 
+VARIOUS = {
+    "horizon": 0.4,
+    "payload_mass": (50.0, 500.0),
+    "mass_error": (-0.15, 0.15),
+}
+
+
+def asymmetric(**changes: Any) -> TrainingRequest:
+    """A request whose critic sees the payload."""
+    network = {**SETTINGS["ppo"]["network"], "critic_sees_payload": True}
+    settings = from_data({**SETTINGS["ppo"], "network": network})
+    return request(**{"settings": settings, "options": VARIOUS, **changes})
+
+
+def trained_model(directory: Path) -> Any:
+    from stable_baselines3 import PPO
+
+    checkpoint = load_run(directory).checkpoint
+    assert checkpoint is not None
+    return PPO.load(directory / checkpoint["model"]["file"], device="cpu")
+
+
+def test_the_true_payload_is_appended_to_observations() -> None:
+    config = environment_config(ENV_ID, VARIOUS)
+    plain, inner = (
+        StaggeredStart(make_sb3_vec(ENV_ID, n_envs=5, config=config, monitor=False), 20)
+        for _ in range(2)
+    )
+    env = PrivilegedObservations(inner)
+    size = plain.observation_space.shape[0]
+    assert env.observation_space.shape == (size + len(PRIVILEGED),)
+
+    def truth(contexts: list[dict[str, float]]) -> Any:
+        rows = [[each[key] / scale for key, scale in PRIVILEGED.items()] for each in contexts]
+        return np.array(rows, dtype=np.float32)
+
+    for each in (plain, env):
+        each.seed(3)
+    expected, observations = plain.reset(), env.reset()
+    ended = 0
+    for _ in range(40):
+        np.testing.assert_array_equal(observations[:, :size], expected)
+        present = truth(plain.get_attr("context"))
+        np.testing.assert_array_equal(observations[:, size:], present)
+        assert len({tuple(row) for row in present.tolist()}) == 5
+        actions = np.zeros((5, 2), np.float32)
+        expected, rewards, dones, infos = plain.step(actions)
+        observations, own_rewards, own_dones, own_infos = env.step(actions)
+        np.testing.assert_array_equal(own_rewards, rewards)
+        np.testing.assert_array_equal(own_dones, dones)
+        for index in np.flatnonzero(dones):
+            last = own_infos[index]["terminal_observation"]
+            np.testing.assert_array_equal(last[:size], infos[index]["terminal_observation"])
+            np.testing.assert_array_equal(last[size:], present[index])
+            assert last.dtype == np.float32
+            ended += 1
+    assert ended == 10
+    for each in (plain, env):
+        each.env_method("reset", seed=9, indices=[2])
+    np.testing.assert_array_equal(env.step(actions)[0][:, size:], truth(plain.get_attr("context")))
+    plain.close()
+    env.close()
+
+
+def test_the_actor_does_not_see_what_the_critic_does(tmp_path: Path) -> None:
+    import torch
+
+    directory = tmp_path / "run"
+    assert train(directory, asymmetric()).status == "finished"
+    model, policy = trained_model(directory), load_policy(directory)
+    size = policy.network.inputs
+    assert size == len(policy.description["observation_layout"])
+    assert model.observation_space.shape == (size + len(PRIVILEGED),)
+    generator = np.random.default_rng(0)
+    observations = 0.5 * generator.normal(size=(64, size + len(PRIVILEGED)))
+    observations = observations.astype(np.float32)
+    other = observations.copy()
+    other[:, size:] += 0.5
+    expected, _ = model.predict(observations, deterministic=True)
+    np.testing.assert_allclose(policy.predict(observations[:, :size])[0], expected, atol=2e-6)
+    assert np.abs(expected).max() < 1.0, "clipped actions would agree whatever the network"
+    np.testing.assert_array_equal(model.predict(other, deterministic=True)[0], expected)
+    with torch.no_grad():
+        one, two = (
+            model.policy.predict_values(torch.from_numpy(each)) for each in (observations, other)
+        )
+    assert (one - two).abs().min() > 0.0
+
+
+def test_a_run_with_an_asymmetric_critic_goes_on(tmp_path: Path) -> None:
+    directory = tmp_path / "run"
+    record = train(directory, asymmetric(steps=512), watcher=_Interrupter())
+    assert record.status == "interrupted"
+    stopped = load_policy(directory).description["weights_sha256"]
+    assert resume(directory).steps >= 512
+    assert load_policy(directory).description["weights_sha256"] != stopped
+    assert load_run(directory).hyperparameters["network"]["critic_sees_payload"] is True
+    begun = train(tmp_path / "on", asymmetric(start=directory, steps=64))
+    assert begun.status == "finished"
+    plain = train(tmp_path / "plain", request(start=directory, options=VARIOUS, steps=64))
+    assert "critic_sees_payload" not in plain.hyperparameters["network"]
+
+
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_packaged_hyperparameters_are_complete(algorithm: str) -> None:
     settings = load_hyperparameters(algorithm)
@@ -204,6 +308,14 @@ def test_packaged_hyperparameters_are_complete(algorithm: str) -> None:
         ({"network": {"layers": []}}, "network.layers"),
         ({"network": {"depth": 2}}, "network.depth"),
         ({"network": {"activation": "elu"}}, "network.activation"),
+        (
+            {"network": {"critic_sees_payload": 1}},
+            "network.critic_sees_payload must be true or false, got 1",
+        ),
+        (
+            {"algorithm": "sac", "network": {"critic_sees_payload": True}},
+            "network.critic_sees_payload must be false for sac, got True",
+        ),
     ],
 )
 def test_bad_hyperparameters_are_named(changes: Mapping[str, Any], message: str) -> None:

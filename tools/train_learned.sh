@@ -18,7 +18,7 @@ one() {
   case $method in
     dagger) .venv/bin/drm imitate --out "$out" --seed "$seed" --force ;;
     ppo) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo.toml" \
-      --steps 1536000 --seed "$seed" --out "$out" --force ;;
+      --steps 400000 --seed "$seed" --out "$out" --force ;;
     sac) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac.toml" \
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \

@@ -31,6 +31,7 @@ from torch import nn
 
 import drm_env
 from drm_baselines import hyperparameters, storage
+from drm_baselines.asymmetric import AsymmetricPolicy, PrivilegedObservations
 from drm_baselines.errors import RunError
 from drm_baselines.evaluation import TRAINING_SEED, config_data, environment_config, fly_policy
 from drm_baselines.export import perceptron_of
@@ -308,7 +309,7 @@ def _make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         network["clip_mean"] = 0.0
     try:
         return _ALGORITHMS[request.algorithm](
-            "MlpPolicy",
+            AsymmetricPolicy if settings.network.critic_sees_payload else "MlpPolicy",
             env,
             learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate_end, 1.0),
             policy_kwargs=network,
@@ -369,7 +370,10 @@ def _make_envs(
         config=config,
     )
     horizon = round(config.scenario.horizon / config.task.control_period)
-    return StaggeredStart(env, horizon), first
+    env = StaggeredStart(env, horizon)
+    if request.settings.network.critic_sees_payload:
+        env = PrivilegedObservations(env)
+    return env, first
 
 
 def _new_record(request: TrainingRequest, config: drm_env.EnvConfig) -> RunRecord:

@@ -34,7 +34,7 @@ BOUND_EPISODES = {"robust": 500, "unmodelled": 40, "heavy": 100, "rough": 100}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
 plant has three times as many unknowns, one of a heavy payload needs several attempts."""
 
-RECEDING_EPISODES = {"robust": 250, "unmodelled": 40, "heavy": 25, "rough": 50}
+RECEDING_EPISODES = {"robust": 125, "unmodelled": 20, "heavy": 10, "rough": 20}
 """Episodes that the receding-horizon controller flies, evenly spread among those of the bound; all
 in other suites. It solves several programmes a flight."""
 

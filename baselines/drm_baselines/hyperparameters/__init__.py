@@ -23,11 +23,15 @@ _ACTIVATIONS = ("tanh", "relu")
 
 @dataclass(frozen=True, kw_only=True)
 class Network:
-    """Actor and critic: hidden layer sizes, activation, initial log of the action noise."""
+    """Actor and critic: hidden layer sizes, activation, initial log of the action noise.
+
+    With ``critic_sees_payload`` PPO's critic is told the true payload while it trains.
+    """
 
     layers: tuple[int, ...] = (64, 64)
     activation: str = "tanh"
     log_std_init: float = -2.0
+    critic_sees_payload: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +68,11 @@ class Hyperparameters:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; :func:`from_data` takes them back."""
-        return asdict(self)
+        data = asdict(self)
+        if not self.network.critic_sees_payload:
+            # what records have been like before there was a choice
+            del data["network"]["critic_sees_payload"]
+        return data
 
 
 def _refuse(source: str, path: str, expectation: str, value: Any) -> BaselineError:
@@ -107,7 +115,7 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         if not isinstance(data.get(name, {}), Mapping):
             raise _refuse(source, name, "a table", data[name])
     network = dict(data.get("network", {}))
-    strange = sorted(set(network) - {"layers", "activation", "log_std_init"})
+    strange = sorted(set(network) - {"layers", "activation", "log_std_init", "critic_sees_payload"})
     if strange:
         raise BaselineError(f"{source}: unknown entry 'network.{strange[0]}'")
     layers = network.get("layers", [64, 64])
@@ -116,6 +124,13 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
     if network.get("activation", "tanh") not in _ACTIVATIONS:
         raise _refuse(
             source, "network.activation", f"one of {list(_ACTIVATIONS)}", network["activation"]
+        )
+    privileged = network.get("critic_sees_payload", False)
+    if not isinstance(privileged, bool):
+        raise _refuse(source, "network.critic_sees_payload", "true or false", privileged)
+    if privileged and data["algorithm"] != "ppo":
+        raise _refuse(
+            source, "network.critic_sees_payload", f"false for {data['algorithm']}", privileged
         )
     rate = _number(source, "learning_rate", data["learning_rate"])
     end = _number(source, "learning_rate_end", data.get("learning_rate_end", rate))
@@ -133,6 +148,7 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
             layers=tuple(_positive_int(source, "network.layers", size) for size in layers),
             activation=str(network.get("activation", "tanh")),
             log_std_init=_number(source, "network.log_std_init", network.get("log_std_init", -2.0)),
+            critic_sees_payload=privileged,
         ),
     )
 
