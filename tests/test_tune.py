@@ -419,6 +419,48 @@ def test_toml_holds_whatever_settings_hold() -> None:
     assert hyperparameters.from_data(tomllib.loads(tuning.toml_of(settings))) == settings
 
 
+@pytest.mark.parametrize("algorithm", LEARNING)
+def test_packaging_settings_keeps_a_row_a_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str
+) -> None:
+    training = pytest.importorskip("drm_baselines.training")
+    base = hyperparameters.load_hyperparameters(algorithm)
+    flown = []
+
+    def train(directory: Path, asked: Any, *, watcher: Any, force: bool) -> Any:
+        number = len(flown)
+        flown.append(asked)
+        directory.mkdir()
+        if number == 1:
+            raise BaselineError("come to NaN")
+        metre = Mock(estimate=Mock(return_value=Mock(value=[3e-3, np.nan, 2e-3, np.inf][number])))
+        watcher.evaluated(training.Point(steps=asked.steps, wall_time=0.5, episodes=metre))
+        return Mock(status="finished", steps=asked.steps, wall_time=0.5)
+
+    monkeypatch.setattr(training, "train", train)
+    monkeypatch.setattr(tuning, "__file__", str(tmp_path / "package" / "tuning.py"))
+    result = drm(
+        "tune", algorithm, "--steps", 10, "--trials", 4, "--out", tmp_path / "a", "--package"
+    )
+    assert result.exit_code == 0, result.output
+    assert flown[0].settings == base
+    learners = tmp_path / "package" / "learners"
+    record = json.loads((learners / f"{algorithm}.search.json").read_text())
+    found = hyperparameters.load_hyperparameters(algorithm, learners / f"{algorithm}.toml")
+    assert found == flown[2].settings == hyperparameters.from_data(record["settings"])
+    assert record["trials"] == {"count": 4, "pruned": 1, "best": 2}
+    assert record["objective"]["value"] == pytest.approx(2.0)
+    assert record["objective"]["first"] == pytest.approx(3.0)
+    assert record["search"]["seed"] == 0
+    assert record["command"] == f"drm tune {algorithm} --steps 10 --trials 4 --seed 0"
+    values = [row["value"] for row in record["record"]]
+    assert values == [pytest.approx(3.0), None, pytest.approx(2.0), 1e3 * tuning.LOST]
+    assert record["record"][1]["reason"] == "come to NaN"
+    for row, asked in zip(record["record"], flown, strict=True):
+        assert tuning.learning_settings(base, row["parameters"]) == asked.settings
+        assert row["seconds"] >= 0.0
+
+
 @pytest.mark.slow
 def test_settings_of_learning_are_searched(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
