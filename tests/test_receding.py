@@ -147,3 +147,15 @@ def test_settings_are_part_of_the_fingerprint_and_episodes_of_the_bounds() -> No
         total = len(suites.load(name))
         own = range(0, total, total // count)
         assert set(own) <= set(range(0, total, total // BOUND_EPISODES[name]))
+
+
+def test_an_observer_that_is_lost_gives_no_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = drm_env.DrmVectorEnv(1, config=Receding().config({}), num_threads=1)
+    observations, _ = env.reset(seed=0)
+    whole = asdict(env.config.scenario)
+    controller = Controller(told(whole, (200.0, 1.0, 0.5)), whole["sensors"], Receding())
+    assert np.isfinite(controller.act(observations[0])).all()
+    monkeypatch.setattr(controller.observer, "look", lambda *_: np.full(6, np.nan))
+    for _ in range(3):
+        np.testing.assert_array_equal(controller.act(observations[0]), np.zeros(2))
+    env.close()

@@ -32,6 +32,8 @@ from drm_baselines.errors import BaselineError
 
 _Array = NDArray[np.float64]
 
+_LOST = 1e3  # rad, m and their rates: nothing that an arm could do
+
 # Units of the tip error and scales of the states for the solver, in the order in which they are
 # tried: the first is for manoeuvres that are possible.
 _SCALINGS = ((1.0, 1e-2), (0.3, 1e-4), (1.0, 1e-3))
@@ -203,6 +205,8 @@ class Controller:
         self._momentum = np.zeros(2)
         self._plan: _Plan | None = None
         self._settled = False
+        # An observer whose model does not hold may come to anything: then there is no torque.
+        self._lost = False
         self.plans = 0
         self._reported = float(known["reported_payload"]["mass"])
         self._take(self._reported)
@@ -230,8 +234,9 @@ class Controller:
             error=self._reported / mass - 1.0 if mass > 0.0 else 0.0,
             doubt=self._settings.doubt,
         )
-        for measured, torque in self._seen:
-            self.observer.look(measured, torque)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for measured, torque in self._seen:
+                self.observer.look(measured, torque)
 
     def identified(self) -> float:
         """Return the present estimate of the mass, kg."""
@@ -282,6 +287,9 @@ class Controller:
             moved = abs(mass - self.mass) > least * self.mass
             if moved:
                 self._take(mass)
+                if not np.isfinite(self.observer.state).all():
+                    self._lost = True
+                    return False
             if self._settled:
                 self.observer.settle()
             if moved:
@@ -313,8 +321,14 @@ class Controller:
             value["slew_error_rate"],
             0.5 * value["link2_deflection_rate"],
         ]
+        if self._lost:
+            return np.zeros(2, dtype=np.float32)
         self._seen.append((measured, torque))
-        state = self.observer.look(measured, torque)
+        with np.errstate(over="ignore", invalid="ignore"):
+            state = self.observer.look(measured, torque)
+        if not (np.abs(state) < _LOST).all():
+            self._lost = True
+            return np.zeros(2, dtype=np.float32)
         if self._due():
             self._replan()
             state = self.observer.state
