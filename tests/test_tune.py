@@ -366,6 +366,10 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
         (["sac", "--scenarios", "8"], "--scenarios means nothing for sac"),
         (["lqr", "--hyperparameters", "a.toml"], "--hyperparameters means nothing for lqr"),
         (["sac", "--hyperparameters", "missing.toml"], "no hyperparameter file missing.toml"),
+        (
+            ["sac", "--package", "--hyperparameters", str(tuning.learner_file("sac"))],
+            "must not be the file that --package overwrites",
+        ),
         (["linear", "--scenarios", "6"], "multiple of 4"),
         (["linear", "--suite", "thesis"], "lists its manoeuvres"),
     ],

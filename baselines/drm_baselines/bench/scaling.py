@@ -21,7 +21,7 @@ RATIO_SIZES = (256, 1024, 4096, 16_384)
 _REFERENCE = "1 thread, 1 environment"
 _UNIT = "steps/s"
 _ENGINE_STEPS = 2900
-"""Control periods of one measurement of the engine alone: an episode without its end."""
+"""Control periods of one measurement of the engine alone: an episode and a half."""
 _ENGINE_MOST = 2_000_000
 """Environment steps of one such measurement at most."""
 

@@ -63,6 +63,12 @@ class Competitor:
     receding: Receding | None = None
     runs: Mapping[int, Path] = field(default_factory=dict)
 
+    def episodes(self, manoeuvres: Manoeuvres) -> NDArray[np.int64]:
+        """Return the episodes of a suite that are flown, evenly spread."""
+        counts = {"bound": BOUND_EPISODES, "controller": RECEDING_EPISODES}.get(self.kind, {})
+        wanted = counts.get(manoeuvres.suite.name, len(manoeuvres))
+        return np.arange(len(manoeuvres), dtype=np.int64)[:: max(1, len(manoeuvres) // wanted)]
+
     def fly(self, manoeuvres: Manoeuvres, progress: Progress | None = None) -> Record:
         """Fly a suite; the bound is solved and flown.
 
@@ -71,14 +77,10 @@ class Competitor:
         BaselineError, RunError
             A policy that cannot fly there, or whose files are damaged.
         """
-        episodes = np.arange(len(manoeuvres), dtype=np.int64)
+        episodes = self.episodes(manoeuvres)
         if self.kind == "bound":
-            wanted = BOUND_EPISODES.get(manoeuvres.suite.name, len(manoeuvres))
-            episodes = episodes[:: max(1, len(manoeuvres) // wanted)]
             rows, period, details = [self._bound(manoeuvres, episodes, progress)], 0.02, {}
         elif self.receding is not None:
-            wanted = RECEDING_EPISODES.get(manoeuvres.suite.name, len(manoeuvres))
-            episodes = episodes[:: max(1, len(manoeuvres) // wanted)]
             rows = [self._receding(manoeuvres, episodes, progress)]
             period = self.receding.hold * LAW_PERIOD
             details = {"receding": asdict(self.receding)}

@@ -10,10 +10,8 @@ plans it flies the linear-quadratic feedback around the last one.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -29,6 +27,7 @@ from drm_baselines.benchmark.programme import (
     torque_limits,
 )
 from drm_baselines.errors import BaselineError
+from drm_baselines.processes import process_pool
 
 _Array = NDArray[np.float64]
 
@@ -448,9 +447,7 @@ def fly_all(
     if count == 1:
         keep(map(_job, jobs))
     else:
-        # not forked: the engine and the solver have threads of their own
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(max_workers=count, mp_context=context) as pool:
+        with process_pool(count) as pool:
             keep(pool.map(_job, jobs))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 

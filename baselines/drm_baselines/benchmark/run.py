@@ -36,6 +36,7 @@ def fingerprint(competitor: Competitor, manoeuvres: Manoeuvres) -> str:
     weights = {
         str(seed): storage.sha256_of(path / "policy.json") for seed, path in competitor.runs.items()
     }
+    flown = len(competitor.episodes(manoeuvres))
     content = json.dumps(
         {
             "suite": manoeuvres.digest,
@@ -43,6 +44,7 @@ def fingerprint(competitor: Competitor, manoeuvres: Manoeuvres) -> str:
             "kind": competitor.kind,
             "law": None if competitor.law is None else dict(competitor.law),
             **({} if competitor.receding is None else {"receding": asdict(competitor.receding)}),
+            **({} if flown == len(manoeuvres) else {"episodes": flown}),
             "runs": weights,
             "engine": drm_env.__version__,
         },

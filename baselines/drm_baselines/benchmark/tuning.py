@@ -824,7 +824,12 @@ def package(outcome: Outcome) -> Path:
         return storage.write_json(here / "gains" / f"{name}.json", content, overwrite=True)
     text = content.pop("settings file")
     storage.write_json(here / "learners" / f"{name}.search.json", content, overwrite=True)
-    return storage.write_text(here / "learners" / f"{name}.toml", text, overwrite=True)
+    return storage.write_text(learner_file(name), text, overwrite=True)
+
+
+def learner_file(algorithm: str) -> Path:
+    """Return the file of the benchmark's learner, which :func:`package` writes."""
+    return Path(__file__).parent / "learners" / f"{algorithm}.toml"
 
 
 def load_gains(law: str) -> dict[str, Any]:

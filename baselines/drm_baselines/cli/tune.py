@@ -152,6 +152,12 @@ def tune(
     for name, value in given.items():
         if value is not None:
             raise BaselineError(f"{name} means nothing for {target}")
+    written = tuning.learner_file(target).resolve()
+    if package and hyperparameters is not None and hyperparameters.resolve() == written:
+        raise BaselineError(
+            f"--hyperparameters must not be the file that --package overwrites, got "
+            f"{hyperparameters}: the search could not be made again"
+        )
     directory = out if out is not None else Path("results") / "tune" / target
     with _trial_progress() as progress:
         if is_law:

@@ -139,10 +139,8 @@ class _Lesson:
         self.study = study
         self.flight = Flight(plans.of(chosen), study.teaching)
 
-    def fly(
-        self, student: Perceptron | None, examples: Examples, rng: np.random.Generator
-    ) -> dict[str, NDArray[np.float64]]:
-        """Fly all manoeuvres, by the teacher without a student, keep examples; return metrics."""
+    def fly(self, student: Perceptron | None, examples: Examples, rng: np.random.Generator) -> None:
+        """Fly all manoeuvres, by the teacher without a student, and keep examples."""
         plans, study = self.flight.plans, self.study
 
         def looked(k: int, observations: Array, states: NDArray[np.float64], advice: Array) -> None:
@@ -152,9 +150,8 @@ class _Lesson:
                 trust = 1.0 / (1.0 + np.square(away / study.tolerance))
                 examples.keep(observations, advice, trust.astype(np.float32))
 
-        metrics = self.flight.fly(student, looked)
+        self.flight.fly(student, looked)
         examples.decisions += plans.torques.shape[0] * plans.torques.shape[1]
-        return metrics
 
 
 def _learn(

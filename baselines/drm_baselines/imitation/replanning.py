@@ -9,9 +9,7 @@ first has learned from plans alone, each later one from what its predecessors' f
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +25,7 @@ from drm_baselines.imitation.flights import Array, Examples, Flight
 from drm_baselines.imitation.teacher import Plans, Teaching, digest_of, plan_from
 from drm_baselines.network import load_policy
 from drm_baselines.policies import LAW_PERIOD
+from drm_baselines.processes import process_pool
 
 PILOT_SEED = 900
 """Seed of the first pilot's study: apart from those of students."""
@@ -64,7 +63,7 @@ def replanned(
     """
     examples = Examples()
     done, total = 0, sum(plan.torques.shape[1] for plan in plans)
-    with ProcessPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+    with process_pool() as pool:
         for whole in plans:
             chosen = saturating(whole, teaching, generation)
             seeds = teaching.seeds(whole.stratum)

@@ -10,9 +10,7 @@ has to find out from how the arm answers.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,6 +29,7 @@ from drm_baselines.benchmark.programme import (
 )
 from drm_baselines.benchmark.suites import STRATA, suite_named
 from drm_baselines.policies import LAW_PERIOD
+from drm_baselines.processes import process_pool
 
 PLANS_FORMAT = "drm-teacher-plans 2"
 
@@ -234,7 +233,7 @@ def make_plans(
     """Plan all manoeuvres, side by side; one that was not solved is left out."""
     plans = []
     done = 0
-    with ProcessPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+    with process_pool() as pool:
         for stratum in range(len(STRATA)):
             seeds = teaching.seeds(stratum)
             scenarios = drm_env.sample_scenarios(
