@@ -18,7 +18,7 @@ one() {
   case $method in
     dagger) .venv/bin/drm imitate --out "$out" --seed "$seed" --force ;;
     ppo) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo.toml" \
-      --steps 400000 --seed "$seed" --out "$out" --force ;;
+      --steps 1536000 --seed "$seed" --out "$out" --force ;;
     sac) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac.toml" \
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
@@ -32,7 +32,7 @@ one() {
 export -f one
 export runs settings shipped
 
-# the teacher's plans are made once: by the first run, on all cores
+# what the teacher works out is made once: by the first run, on all cores
 case " $methods " in *" dagger "*) one dagger 0 ;; esac
 
 for method in $methods; do
