@@ -11,10 +11,7 @@ import pytest
 
 import drm_env
 from drm_baselines.benchmark.programme import (
-    closed_loop,
     linear_feedback,
-    propagate,
-    rms,
     torque_limits,
 )
 from drm_baselines.benchmark.suites import STRATA
@@ -23,13 +20,14 @@ from drm_baselines.imitation import teacher
 from drm_baselines.network import load_policy
 
 pytest.importorskip("torch")
-from drm_baselines.imitation import dagger, replanning
+from drm_baselines.imitation import dagger, refining, sensitivity
 from drm_baselines.imitation.flights import Flight
 
-TEACHING = teacher.Teaching(scenarios=8, generations=1, replanned=1.0, period=200)
+TEACHING = teacher.Teaching(scenarios=8)
+REFINEMENT = refining.Refinement(manoeuvres=8, steps=2, batch=4, tail=1.0)
 STUDY = dagger.Study(
-    rounds=2, share=1.0, kept=0.02, epochs=1, last_epochs=1, batch_size=64, layers=(16,),
-    teaching=TEACHING,
+    rounds=2, kept=0.02, epochs=1, last_epochs=1, batch_size=64, layers=(16,),
+    teaching=TEACHING, refinement=REFINEMENT,
 )  # fmt: skip
 
 
@@ -47,28 +45,19 @@ def scenario() -> dict[str, Any]:
 
 
 def test_plan_is_smooth_and_comes_to_rest(scenario: dict[str, Any]) -> None:
-    plan = teacher.plan_from(scenario, TEACHING)
+    plan = teacher.plan_of(scenario, TEACHING)
     assert plan.solved
     assert plan.torques.shape == (1500, 2)
     assert plan.gains.shape == (1500, 2, 6)
     # long after the slew nothing is left to be done
     assert np.abs(plan.torques[-100:]).max() < 1e-2
-    jumpy = teacher.plan_from(scenario, replace(TEACHING, smoothing=1e-6))
+    jumpy = teacher.plan_of(scenario, replace(TEACHING, smoothing=1e-6))
     changes = [np.square(np.diff(one.torques, axis=0)).sum() for one in (plan, jumpy)]
     assert changes[0] < changes[1]
 
 
-def test_plan_from_a_state_of_the_plan_is_its_rest(scenario: dict[str, Any]) -> None:
-    whole = teacher.plan_from(scenario, TEACHING)
-    rest = teacher.plan_from(scenario, TEACHING, 400, whole.states[400].astype(np.float64))
-    # but for the smoothness of the first torque, which the plan anew does not know (principle of
-    # optimality)
-    np.testing.assert_allclose(rest.torques[25:], whole.torques[425:], atol=0.02)
-    np.testing.assert_allclose(rest.states[25:], whole.states[425:], atol=2e-5)
-
-
 def test_feedback_leaves_a_saturated_wheel_at_its_limit(scenario: dict[str, Any]) -> None:
-    plan = teacher.plan_from(scenario, TEACHING)
+    plan = teacher.plan_of(scenario, TEACHING)
     law = linear_feedback(TEACHING.inner_law) / torque_limits(scenario)[:, None]
     intervals, wheels = np.nonzero(plan.saturated)
     assert intervals.size
@@ -91,59 +80,6 @@ def test_flying_the_plans_is_far_better_than_the_inner_law(plans: list[teacher.P
         assert np.median(planned) < 0.2 * np.median(inner)
 
 
-def test_a_new_plan_under_way_is_better_than_the_old_one(plans: list[teacher.Plans]) -> None:
-    """Half way the arm is pushed off its plan: the plan anew knows best, in its own model."""
-    plan = plans[1]
-    index = int(np.argmax(np.abs(plan.saturated).sum(axis=(1, 2))))
-    seed = int(plan.seeds[index])
-    first = TEACHING.seeds(1)[0]
-    scenario = drm_env.sample_scenarios(config=TEACHING.config(1), seed=seed, n=1)[0]
-    assert seed >= first
-    k = 200
-    pushed = plan.states[index, k].astype(np.float64)
-    pushed[0] += 0.01
-    anew = teacher.plan_from(scenario, TEACHING, k, pushed)
-    assert anew.solved
-    feedback, limits = linear_feedback(TEACHING.inner_law), torque_limits(scenario)
-    model = closed_loop(drm_env.transitions(scenario, hold=1), feedback, TEACHING.hold)
-    later = drm_env.Transitions(pushed, *(part[k:] for part in model[1:]))
-    _, best = propagate(later, anew.torques * limits)
-    # the old plan with its feedback, wheels limited
-    state, held = pushed, []
-    for i in range(k, len(model.offset)):
-        wanted = plan.torques[index, i] + plan.gains[index, i] @ (state - plan.states[index, i])
-        law = feedback @ state / limits
-        torque = (np.clip(wanted + law, -1.0, 1.0) - law) * limits
-        held.append(torque)
-        state = model.transition[i] @ state + model.input[i] @ torque + model.offset[i]
-    _, old = propagate(later, np.array(held))
-    assert rms(best) < rms(old)
-
-
-def test_pilots_examples_are_made_once(plans: list[teacher.Plans], tmp_path: Path) -> None:
-    pilot = replace(STUDY, rounds=1)
-    told: list[str] = []
-    first = replanning.prepare(
-        tmp_path, plans, TEACHING, pilot=pilot, progress=lambda what, *_: told.append(what)
-    )
-    assert len(first) == 1
-    observations, actions, trust = first[0]
-    assert len(observations) == len(actions) == len(trust) > 0
-    assert np.isfinite(observations).all()
-    assert np.abs(actions).max() <= 1.0
-    assert {"pilot 1", "new plans for pilot 1"} == set(told)
-    told.clear()
-    again = replanning.prepare(
-        tmp_path, plans, TEACHING, pilot=pilot, progress=lambda what, *_: told.append(what)
-    )
-    assert not told
-    np.testing.assert_array_equal(again[0][1], actions)
-    damaged = tmp_path / "examples_0.npz"
-    damaged.write_bytes(damaged.read_bytes()[:100])
-    with pytest.raises(RunError, match=r"examples_0\.npz"):
-        replanning.prepare(tmp_path, plans, TEACHING, pilot=pilot)
-
-
 def test_plans_are_kept_and_read_back(plans: list[teacher.Plans], tmp_path: Path) -> None:
     path = teacher.save_plans(tmp_path / "plans.npz", plans, TEACHING)
     again = teacher.load_plans(path, TEACHING)
@@ -159,22 +95,33 @@ def test_plans_are_kept_and_read_back(plans: list[teacher.Plans], tmp_path: Path
 
 
 def test_student_is_saved_and_repeatable(plans: list[teacher.Plans], tmp_path: Path) -> None:
-    points: list[dict[str, float]] = []
-    first = dagger.imitate(tmp_path / "first", STUDY, plans, watch=lambda _, p: points.append(p))
-    second = dagger.imitate(tmp_path / "second", STUDY, plans)
+    intervals = sensitivity.prepare(
+        tmp_path / "intervals.npz", TEACHING, REFINEMENT.manoeuvres, REFINEMENT.tail
+    )
+    told: list[tuple[str, int, bool]] = []
+    first = dagger.imitate(
+        tmp_path / "first", STUDY, plans, intervals,
+        watch=lambda stage, number, point: told.append((stage, number, point is not None)),
+    )  # fmt: skip
+    second = dagger.imitate(tmp_path / "second", STUDY, plans, intervals)
     policy, again = load_policy(first), load_policy(second)
     for one, other in zip(policy.network.weights, again.network.weights, strict=True):
         np.testing.assert_array_equal(one, other)
-    assert len(points) == 2
+    assert [entry for entry in told if entry[2]] == [
+        ("imitation", 1, True), ("imitation", 2, True),
+        ("refinement", 1, True), ("refinement", 2, True),
+    ]  # fmt: skip
     assert policy.control_period == 0.02
     training = policy.description["training"]
     assert isinstance(training["command"], list)
     assert training["seed"] == 0
-    assert training["steps"] == 2 * 8 * 1500
+    assert training["finished"] is True
+    # two rounds of eight manoeuvres, and what was flown for the gradient
+    assert training["steps"] > 2 * 8 * 1500
     # numpy's and the engine's network are the same function
     observations = np.random.default_rng(1).normal(size=(50, policy.network.inputs))
     np.testing.assert_allclose(
         policy.network(observations), policy.network.engine()(observations), atol=2e-6
     )
     with pytest.raises(ExistingResultError):
-        dagger.imitate(first, STUDY, plans)
+        dagger.imitate(first, STUDY, plans, intervals)

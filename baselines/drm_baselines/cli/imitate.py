@@ -11,14 +11,14 @@ from drm_baselines.cli.common import console, guarded, progress_bar
 from drm_baselines.errors import BaselineError
 
 
-def _modules() -> tuple[Any, Any, Any]:
+def _modules() -> tuple[Any, Any, Any, Any]:
     try:
-        from drm_baselines.imitation import dagger, replanning, teacher
+        from drm_baselines.imitation import dagger, refining, sensitivity, teacher
     except ImportError as error:
         raise BaselineError(
             f"imitation needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
         ) from error
-    return dagger, replanning, teacher
+    return dagger, refining, sensitivity, teacher
 
 
 @guarded
@@ -29,59 +29,78 @@ def imitate(
     ] = 0,
     teacher: Annotated[
         Path,
-        typer.Option(help="Directory of the teacher's plans and examples; made if missing."),
+        typer.Option(help="Directory of what the teacher works out beforehand; made if missing."),
     ] = Path("results/benchmark/teacher"),
     scenarios: Annotated[
         int, typer.Option(min=4, help="Manoeuvres that the teacher plans, a quarter a stratum.")
-    ] = 2000,
-    generations: Annotated[
-        int, typer.Option(min=0, help="Pilots that fly for new plans under way.")
-    ] = 1,
+    ] = 800,
     rounds: Annotated[
         int | None, typer.Option(min=1, help="Rounds of flying and learning.", show_default=False)
+    ] = None,
+    manoeuvres: Annotated[
+        int | None,
+        typer.Option(min=4, help="Manoeuvres for the refinement.", show_default=False),
+    ] = None,
+    refine: Annotated[
+        int | None,
+        typer.Option(min=0, help="Gradient steps of the refinement.", show_default=False),
+    ] = None,
+    batch: Annotated[
+        int | None,
+        typer.Option(min=4, help="Manoeuvres flown for each of them.", show_default=False),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
 ) -> None:
-    """Learn by imitation of the convex programme's torques (DAgger).
+    """Learn by imitation of the convex programme's torques (DAgger), then by their gradient.
 
-    The teacher knows the true payload, the student what an agent sees. Plans, and new plans
-    from where pilots have gone astray, are made once (some twenty minutes on two cores) and shared
-    by all seeds, each of which draws its own three quarters of the manoeuvres. Interrupted, the
-    same command goes on with what the teacher has finished.
+    The teacher knows the true payload, the student what an agent sees. After some rounds of
+    imitation the student is refined by the gradient of the tip error through the plant. Plans and
+    linearised manoeuvres are made once (some ten minutes on two cores, 2 GB) and shared by all
+    seeds. An interrupted run keeps its newest policy; the same command with --force begins the
+    student anew.
     """
-    dagger, replanning, teachers = _modules()
-    teaching = teachers.Teaching(scenarios=scenarios, generations=generations)
+    dagger, refining, sensitivity, teachers = _modules()
+    teaching = teachers.Teaching(scenarios=scenarios)
+    given = {"manoeuvres": manoeuvres, "steps": refine, "batch": batch}
+    refinement = refining.Refinement(**{k: v for k, v in given.items() if v is not None})
     settings = {} if rounds is None else {"rounds": rounds}
-    study = dagger.Study(seed=seed, teaching=teaching, **settings)
-    plans = teachers.load_plans(teacher / "plans.npz", teaching)
+    study = dagger.Study(seed=seed, teaching=teaching, refinement=refinement, **settings)
     with progress_bar() as progress:
-        tasks: dict[str, Any] = {}
-
-        def prepared(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = progress.add_task(what, total=total, note="")
-            progress.update(tasks[what], completed=done)
-
+        plans = teachers.load_plans(teacher / "plans.npz", teaching)
         if plans is None:
+            task = progress.add_task("planning", total=scenarios, note="")
             plans = teachers.make_plans(
-                teaching, progress=lambda done, total: prepared("planning", done, total)
+                teaching, progress=lambda done, _: progress.update(task, completed=done)
             )
             teachers.save_plans(teacher / "plans.npz", plans, teaching)
-        shown = replanning.prepare(teacher, plans, teaching, progress=prepared)
+        linearising = progress.add_task("linearising", total=refinement.manoeuvres, note="")
+        intervals = sensitivity.prepare(
+            teacher / "intervals.npz",
+            teaching,
+            refinement.manoeuvres,
+            refinement.tail,
+            progress=lambda done, _: progress.update(linearising, completed=done),
+        )
+        progress.update(linearising, completed=refinement.manoeuvres)
     with progress_bar() as progress:
-        task = progress.add_task("learning", total=study.rounds, note="rounds")
+        tasks = {
+            "imitation": progress.add_task("imitation", total=study.rounds, note="rounds"),
+            "refinement": progress.add_task("refinement", total=refinement.steps, note="steps"),
+        }
 
-        def watch(number: int, point: dict[str, float]) -> None:
-            progress.update(task, completed=number + 1)
+        def watch(stage: str, number: int, point: dict[str, float] | None) -> None:
+            progress.update(tasks[stage], completed=number)
+            if point is None:
+                return
             console.print(
-                f"round {number + 1}: {point['steps']:>12,.0f} decisions "
+                f"{stage} {number:>4}: {point['steps']:>12,.0f} decisions "
                 f"{point['wall_time']:5.0f} s   tip error RMS {point['tip_error_rms'] * 1e3:.3f} mm"
                 f"   residual {point['residual_rms'] * 1e3:.3f} mm"
                 f"   settled {100 * point['settled']:.0f} %",
                 highlight=False,
             )
 
-        dagger.imitate(out, study, plans, shown, force=force, watch=watch)
+        dagger.imitate(out, study, plans, intervals, force=force, watch=watch)
     console.print(f"saved in {out}", soft_wrap=True)

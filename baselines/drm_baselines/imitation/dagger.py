@@ -1,10 +1,12 @@
-"""Imitation of the teacher by dataset aggregation (DAgger, Ross et al. 2011).
+"""Imitation of the teacher by dataset aggregation (DAgger, Ross et al. 2011), then refinement.
 
 The student flies, the teacher says at every decision what it would have done, all of it is
 learned, and so on. The student is an ordinary feed-forward policy of the residual environment:
 what it sees is what any agent sees there. The wheels' stored momentum is in its observation,
-and with the momentum that the motor was told to give it tells the true inertia: that is the
-student's memory.
+and with the momentum that the motor was told to give it tells the true inertia; the last few
+observations tell what is not measured: that is the student's memory. What the teacher knows and
+the student cannot, no imitation teaches: the gradient of the tip error does
+(:mod:`drm_baselines.imitation.refining`).
 
 A run is a directory like any other training run and ends in ``policy.safetensors`` and
 ``policy.json``. An interrupted one keeps the policy of its last finished round.
@@ -17,7 +19,6 @@ import csv
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,11 @@ import drm_env
 from drm_baselines import storage
 from drm_baselines.errors import RunError
 from drm_baselines.evaluation import config_data
-from drm_baselines.imitation.flights import Array, Examples, Flight
+from drm_baselines.imitation.flights import Examples, Flight
+from drm_baselines.imitation.refining import Refinement, refine
+from drm_baselines.imitation.sensing import Array
+from drm_baselines.imitation.sensitivity import Intervals
+from drm_baselines.imitation.student import Student
 from drm_baselines.imitation.teacher import Plans, Teaching
 from drm_baselines.interruption import stop_on_signal
 from drm_baselines.network import DESCRIPTION_FILE, WEIGHTS_FILE, Perceptron, save_policy
@@ -41,6 +46,7 @@ CURVE_SEED = 910_000_000
 """First seed of the manoeuvres behind the curve of a run: apart from training and from suites."""
 
 _CURVE_EPISODES = 50  # a stratum
+_POINTS = 12  # of the curve, during refinement
 _LEVERS = np.array([12.0, 2.0, 2.0])  # m/rad at mid extension; deflections of the ends are twice
 
 
@@ -51,11 +57,10 @@ class Study:
     Attributes
     ----------
     seed
-        Of the initial weights, the manoeuvres that this student sees, and the minibatches.
+        Of the initial weights, the examples that are kept, the minibatches, and the manoeuvres of
+        each step of the refinement.
     rounds
         Times that the manoeuvres are flown: by the teacher first, then by the student.
-    share
-        Share of the planned manoeuvres that this student sees.
     kept
         Share of the decisions that are kept as examples.
     tolerance
@@ -71,73 +76,31 @@ class Study:
         Hidden layers.
     teaching
         The teacher's settings.
+    refinement
+        What comes after imitation.
     """
 
     seed: int = 0
     rounds: int = 7
-    share: float = 0.75
     kept: float = 0.15
     tolerance: float = 5.0e-3
-    precision: float = 0.01
+    precision: float = 0.005
     epochs: int = 2
-    last_epochs: int = 14
+    last_epochs: int = 6
     batch_size: int = 2048
     learning_rate: float = 2.0e-3
     layers: tuple[int, ...] = (128, 128)
     activation: str = "tanh"
     teaching: Teaching = field(default_factory=Teaching)
-
-
-_ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
-
-
-class Student(nn.Module):
-    """A network on standardised observations; the standardisation is folded in when exported."""
-
-    mean: torch.Tensor
-    deviation: torch.Tensor
-
-    def __init__(self, study: Study, mean: Array, deviation: Array) -> None:
-        super().__init__()
-        sizes = [mean.size, *study.layers]
-        layers: list[nn.Module] = []
-        for inputs, outputs in pairwise(sizes):
-            layers += [nn.Linear(inputs, outputs), _ACTIVATIONS[study.activation]()]
-        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 2))
-        self.activation = study.activation
-        self.register_buffer("mean", torch.from_numpy(mean))
-        self.register_buffer("deviation", torch.from_numpy(deviation))
-
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Return actions, not limited, (n, 2)."""
-        scaled = (observations - self.mean) / self.deviation
-        actions: torch.Tensor = self.layers(scaled)
-        return actions
-
-    def perceptron(self) -> Perceptron:
-        """Return the same network as plain arrays."""
-        linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
-        weights = [layer.weight.detach().numpy().astype(np.float64) for layer in linear]
-        biases = [layer.bias.detach().numpy().astype(np.float64) for layer in linear]
-        mean = np.asarray(self.mean, dtype=np.float64)
-        weights[0] = weights[0] / np.asarray(self.deviation, dtype=np.float64)
-        biases[0] = biases[0] - weights[0] @ mean
-        return Perceptron(
-            weights=[weight.astype(np.float32) for weight in weights],
-            biases=[bias.astype(np.float32) for bias in biases],
-            activation=self.activation,
-            output="clip",
-        )
+    refinement: Refinement = field(default_factory=Refinement)
 
 
 class _Lesson:
-    """The manoeuvres of one stratum that a student sees."""
+    """The planned manoeuvres of one stratum."""
 
-    def __init__(self, plans: Plans, study: Study, rng: np.random.Generator) -> None:
-        chosen = rng.permutation(len(plans.seeds))
-        chosen = np.sort(chosen[: max(1, round(study.share * len(chosen)))])
+    def __init__(self, plans: Plans, study: Study) -> None:
         self.study = study
-        self.flight = Flight(plans.of(chosen), study.teaching)
+        self.flight = Flight(plans, study.teaching)
 
     def fly(self, student: Perceptron | None, examples: Examples, rng: np.random.Generator) -> None:
         """Fly all manoeuvres, by the teacher without a student, and keep examples."""
@@ -197,17 +160,28 @@ def imitate(
     directory: Path,
     study: Study,
     plans: Sequence[Plans],
-    shown: Sequence[tuple[Array, Array, Array]] = (),
+    intervals: Intervals,
     *,
     force: bool = False,
-    watch: Callable[[int, dict[str, float]], None] | None = None,
+    watch: Callable[[str, int, dict[str, float] | None], None] | None = None,
 ) -> Path:
     """Teach one student and save its policy in ``directory``.
 
-    ``shown`` are examples from elsewhere: observations, actions and trust, see
-    :mod:`drm_baselines.imitation.replanning`.
-
-    ``watch`` is called after each round with its number and the curve's newest point.
+    Parameters
+    ----------
+    directory
+        Of the run.
+    study
+        How the student learns.
+    plans
+        From :func:`drm_baselines.imitation.teacher.make_plans`.
+    intervals
+        From :func:`drm_baselines.imitation.sensitivity.prepare`, for the study's refinement.
+    force
+        Start anew in a directory that is not empty.
+    watch
+        Called with the stage (``"imitation"``, ``"refinement"``), how many of its rounds or steps
+        are done, and the curve's newest point if there is one.
 
     Raises
     ------
@@ -216,54 +190,101 @@ def imitate(
     RunError
         Interrupted before the first round was over.
     """
-    from drm_baselines.statistics import interquartile_mean
-
     storage.claim_directory(directory, force=force)
     for name in (WEIGHTS_FILE, DESCRIPTION_FILE, EVALUATIONS_FILE):
         (directory / name).unlink(missing_ok=True)
     torch.set_num_threads(1)
     torch.manual_seed(study.seed)
     rng = np.random.default_rng([study.seed, 20])
-    lessons = [_Lesson(plan, study, rng) for plan in plans]
-    examples = Examples()
-    examples.add(shown)
-    student: Student | None = None
-    points: list[dict[str, float]] = []
-    begun = time.monotonic()
+    curve = _Curve(directory, study, watch)
     with stop_on_signal() as stop:
-        for number in range(study.rounds):
-            flown = None if student is None else student.perceptron()
-            for lesson in lessons:
-                if stop.is_set():
-                    break
-                lesson.fly(flown, examples, rng)
-            if stop.is_set():
-                break
-            if student is None:
-                seen = examples.arrays()[0]
-                student = Student(study, seen.mean(axis=0), seen.std(axis=0) + np.float32(1e-3))
+        student, decisions = _imitated(study, plans, rng, curve, stop.is_set)
+        if student is not None and not stop.is_set():
+            settings = study.refinement
             best = copy.deepcopy(student.state_dict())
-            epochs = study.last_epochs if number + 1 == study.rounds else study.epochs
-            loss = _learn(student, examples, study, epochs, rng, stop.is_set)
-            if stop.is_set():
-                student.load_state_dict(best)
-                break
-            judged = _point(student, study)
-            point = {
-                "steps": float(examples.decisions),
-                "wall_time": time.monotonic() - begun,
-                "loss": loss,
-                "tip_error_rms": interquartile_mean(np.nan_to_num(judged["tip_error_rms"], nan=10)),
-                "residual_rms": interquartile_mean(np.nan_to_num(judged["residual_rms"], nan=10)),
-                "settled": float(np.mean(judged["settled"])),
-            }
-            points.append(point)
-            _save(directory, student, study, points, finished=number + 1 == study.rounds)
-            if watch is not None:
-                watch(number, point)
-    if not points:
+            every = max(1, settings.steps // _POINTS)
+            for step, flown, loss in refine(student, intervals, study.teaching, settings, rng):
+                decisions += flown
+                if stop.is_set():
+                    student.load_state_dict(best)
+                    break
+                if watch is not None:
+                    watch("refinement", step, None)
+                if step % every == 0 or step == settings.steps:
+                    curve.point("refinement", step, student, decisions, loss)
+                    best = copy.deepcopy(student.state_dict())
+            curve.finished = not stop.is_set()
+        if student is not None and curve.points:
+            curve.save(student)
+    if not curve.points:
         raise RunError(f"{directory}: interrupted before the first round was over")
     return directory
+
+
+def _imitated(
+    study: Study, plans: Sequence[Plans], rng: np.random.Generator, curve: _Curve,
+    stopped: Callable[[], bool],
+) -> tuple[Student | None, int]:  # fmt: skip
+    """Return the student of the last round that was finished, if any, and its decisions."""
+    lessons = [_Lesson(plan, study) for plan in plans]
+    examples = Examples()
+    student: Student | None = None
+    for number in range(study.rounds):
+        flown = None if student is None else student.perceptron()
+        for lesson in lessons:
+            if stopped():
+                return student, examples.decisions
+            lesson.fly(flown, examples, rng)
+        if student is None:
+            seen = examples.arrays()[0]
+            student = Student(
+                study.layers, study.activation,
+                seen.mean(axis=0), seen.std(axis=0) + np.float32(1e-3),
+            )  # fmt: skip
+        best = copy.deepcopy(student.state_dict())
+        epochs = study.last_epochs if number + 1 == study.rounds else study.epochs
+        loss = _learn(student, examples, study, epochs, rng, stopped)
+        if stopped():
+            student.load_state_dict(best)
+            break
+        curve.point("imitation", number + 1, student, examples.decisions, loss)
+    return student, examples.decisions
+
+
+class _Curve:
+    """The learning curve of a run, saved with the policy after every point."""
+
+    def __init__(
+        self, directory: Path, study: Study,
+        watch: Callable[[str, int, dict[str, float] | None], None] | None,
+    ) -> None:  # fmt: skip
+        self.directory, self.study, self.watch = directory, study, watch
+        self.points: list[dict[str, float]] = []
+        self.finished = False
+        self._begun = time.monotonic()
+
+    def point(self, stage: str, number: int, student: Student, decisions: int, loss: float) -> None:
+        """Judge the student, save it and tell."""
+        from drm_baselines.statistics import interquartile_mean
+
+        judged = _point(student, self.study)
+        point = {
+            "steps": float(decisions),
+            "wall_time": time.monotonic() - self._begun,
+            "refined": float(number if stage == "refinement" else 0),
+            "loss": loss,
+            "tip_error_rms": interquartile_mean(np.nan_to_num(judged["tip_error_rms"], nan=10)),
+            "residual_rms": interquartile_mean(np.nan_to_num(judged["residual_rms"], nan=10)),
+            "settled": float(np.mean(judged["settled"])),
+        }
+        self.points.append(point)
+        self.save(student)
+        if self.watch is not None:
+            self.watch(stage, number, point)
+
+    def save(self, student: Student) -> None:
+        """Write policy and curve."""
+        _save(self.directory, student, self.study, self.points, finished=self.finished)
 
 
 def _save(

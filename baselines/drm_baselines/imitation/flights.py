@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
+from drm_baselines.imitation.sensing import Array, Sensing
 from drm_baselines.imitation.teacher import Plans, Teaching, advise
-
-Array = NDArray[np.float32]
 
 
 class Flight:
@@ -29,29 +28,17 @@ class Flight:
         self.plans, self.teaching = plans, teaching
         self.seeds = [int(seed) for seed in plans.seeds]
         self.config: Mapping[str, Any] = teaching.config(plans.stratum)
-        layout = drm_env.observation_layout(config=self.config)
-        names = [entry.name for entry in layout]
-        self._columns = [names.index("slew_error"), names.index("slew_error_rate")]
-        self._scales = np.array([layout[column].scale for column in self._columns])
-
-    def states(self, env: drm_env.DrmVectorEnv, observations: Array) -> NDArray[np.float64]:
-        """Return the deviations from the undeflected arm at the reference, shape (n, 6)."""
-        states = env.coordinates
-        states[:, [0, 3]] = observations[:, self._columns].astype(np.float64) * self._scales
-        return states
+        self.sensing = Sensing(self.config)
 
     def fly(
         self,
         student: Callable[[Array], Array] | None,
         looked: Callable[[int, Array, NDArray[np.float64], Array], None],
-        *,
-        before: Callable[[int, NDArray[np.float64]], None] | None = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Fly everything, by the teacher without a student; return the metrics.
 
         ``looked`` is called at every decision with its number, the observations (n, m), the states
-        and the teacher's advice (n, 2); ``before`` with number and states before advice is asked
-        for.
+        and the teacher's advice (n, 2).
         """
         if not self.seeds:
             return {}
@@ -59,9 +46,7 @@ class Flight:
         try:
             observations, info = env.reset(seed=self.seeds)
             for k in range(self.plans.torques.shape[1]):
-                states = self.states(env, observations)
-                if before is not None:
-                    before(k, states)
+                states = self.sensing.states(env, observations)
                 advice = advise(self.plans, k, states, self.teaching)
                 looked(k, observations, states, advice)
                 actions = advice if student is None else student(observations)
@@ -97,8 +82,3 @@ class Examples:
             np.concatenate(self.actions),
             np.concatenate(self.trust),
         )
-
-    def add(self, others: Sequence[tuple[Array, Array, Array]]) -> None:
-        """Add examples of another origin."""
-        for observations, actions, trust in others:
-            self.keep(observations, actions, trust)

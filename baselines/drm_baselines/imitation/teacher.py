@@ -2,9 +2,8 @@
 
 A plan is the solution of the convex programme with the inner law in the loop, smooth in time so
 that a network can follow it, with the linear-quadratic feedback around it: where the student has
-gone a little astray, the teacher shows the best way back. Where it has gone far, the teacher has to
-plan anew: :mod:`drm_baselines.imitation.replanning`. What the teacher knows beforehand the student
-has to find out from how the arm answers.
+gone astray, the teacher shows the way back. What the teacher knows beforehand the student has to
+find out from how the arm answers.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from drm_baselines.benchmark.suites import STRATA, suite_named
 from drm_baselines.policies import LAW_PERIOD
 from drm_baselines.processes import process_pool
 
-PLANS_FORMAT = "drm-teacher-plans 2"
+PLANS_FORMAT = "drm-teacher-plans 3"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,40 +62,42 @@ class Teaching:
     overshoot
         What is asked for beyond the limit where a plan saturates a wheel, as a fraction of it, so
         that a student who is not exact saturates it too.
-    replanned
-        Share of the manoeuvres with saturated wheels that are planned anew under way.
-    period
-        Decisions from one new plan to the next.
-    generations
-        Times that a pilot, trained on what there was before, flies them for it.
+    waiting
+        Decisions at the beginning at which the advice is to do nothing: what the teacher would do
+        depends on what nobody else can know yet.
     wheel_scale
         Torque of a wheel at an action of 1, in multiples of its limit: enough to overrule the inner
-        law where a plan saturates the wheels.
+        law where a plan saturates the wheels, in spite of the vibration that the slew begins with.
     identified
         Whether the student is shown the identified error of the reported mass.
+    history
+        Observations that the student sees at a time, this one and those before it: where the arm is
+        going, and what is not measured.
+    preview_times
+        How far ahead the student sees the reference and the extension, s.
     """
 
     suite: str = "robust"
-    scenarios: int = 2000
+    scenarios: int = 800
     first_seed: int = 1_000_000_000
     inner_law: Mapping[str, Any] = field(
         default_factory=lambda: {
             "name": "linear",
-            "root": {"rate_gain": 5.0e4, "angle_gain": 2.0e3},
-            "tip": {"rate_gain": 500.0},
+            "root": {"rate_gain": 1.0e4, "angle_gain": 0.0},
+            "tip": {"rate_gain": 100.0},
         }
     )
     hold: int = 10
-    smoothing: float = 1.0e-3
-    authority: float = 0.985
+    smoothing: float = 5.0e-4
+    authority: float = 0.99
     effort: float = 1.0e-4
     softness: float = 1.0e-2
     overshoot: float = 0.2
-    replanned: float = 0.4
-    period: int = 75
-    generations: int = 1
+    waiting: int = 3
     wheel_scale: float = 4.0
     identified: bool = True
+    history: int = 3
+    preview_times: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
     def task(self) -> dict[str, Any]:
         """Return the task part of the student's environment."""
@@ -105,21 +106,23 @@ class Teaching:
             "inner_law": {**self.inner_law},
             "wheel_scale": self.wheel_scale,
             "observe_identified": self.identified,
+            "observation_history": self.history,
+            "preview_times": list(self.preview_times),
         }
 
     def config(self, stratum: int) -> dict[str, Any]:
         """Return the configuration of the student's environment in one stratum."""
         return {**suite_named(self.suite).stratum_config(stratum), "task": self.task()}
 
-    def seeds(self, stratum: int) -> range:
-        """Return the seeds of a stratum's manoeuvres."""
+    def seeds(self, stratum: int, scenarios: int | None = None) -> range:
+        """Return the seeds of a stratum's manoeuvres, of so many in all strata."""
         first = self.first_seed + 100_000 * stratum
-        return range(first, first + self.scenarios // len(STRATA))
+        return range(first, first + (scenarios or self.scenarios) // len(STRATA))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """A plan of one manoeuvre, from some instant on.
+    """A plan of one manoeuvre.
 
     Attributes
     ----------
@@ -158,32 +161,14 @@ class Plans:
         arrays = {name: getattr(self, name)[chosen] for name in ("seeds", *_PARTS)}
         return Plans(stratum=self.stratum, **arrays)
 
-    def put(self, index: int, k: int, plan: Plan) -> None:
-        """Replace the plan of one manoeuvre from decision ``k`` on."""
-        for name in _PARTS:
-            part = getattr(plan, name)
-            getattr(self, name)[index, k : k + len(part)] = part
-
 
 _PARTS = ("torques", "states", "gains", "saturated")
 
 
-def plan_from(
-    scenario: Mapping[str, Any],
-    teaching: Teaching,
-    k: int = 0,
-    state: NDArray[np.float64] | None = None,
-    end: int | None = None,
-) -> Plan:
-    """Return the plan of a manoeuvre from decision ``k`` on, where its state is ``state``.
-
-    ``state`` is the deviation from the undeflected arm at the reference, shape (6,); none: the
-    start. A plan from a state may ``end`` before a decision, where nothing is left to be done.
-    """
+def plan_of(scenario: Mapping[str, Any], teaching: Teaching) -> Plan:
+    """Return the plan of a manoeuvre."""
     feedback, limits = linear_feedback(teaching.inner_law), torque_limits(scenario)
     model = closed_loop(drm_env.transitions(scenario, hold=1), feedback, teaching.hold)
-    if state is not None:
-        model = drm_env.Transitions(state, *(part[k:end] for part in model[1:]))
     programme = Programme(
         model,
         limits,
@@ -211,20 +196,20 @@ def advise(
     deviation = states - plans.states[:, k]
     torques = plans.torques[:, k] + np.einsum("nij,nj->ni", plans.gains[:, k], deviation)
     torques = torques + teaching.overshoot * plans.saturated[:, k]
+    if k < teaching.waiting:
+        torques = np.zeros_like(torques)
     actions: NDArray[np.float32] = np.clip(torques / teaching.wheel_scale, -1.0, 1.0)
     return actions.astype(np.float32)
 
 
-def digest_of(teaching: Teaching, study: Any = None) -> str:
-    """Return a text that says what plans, or examples of a study with them, were made with."""
+# What is done with the plans later, and does not change them.
+_LATER = ("overshoot", "waiting", "wheel_scale", "identified", "history", "preview_times")
+
+
+def digest_of(teaching: Teaching) -> str:
+    """Return a text that says what plans were made with."""
     content = {"format": PLANS_FORMAT, **asdict(teaching)}
-    if study is None:
-        # what is done with the plans later
-        for name in ("replanned", "period", "generations"):
-            content.pop(name)
-    else:
-        content["study"] = asdict(study)
-    return json.dumps(content, sort_keys=True)
+    return json.dumps({k: v for k, v in content.items() if k not in _LATER}, sort_keys=True)
 
 
 def make_plans(
@@ -240,7 +225,7 @@ def make_plans(
                 config=teaching.config(stratum), seed=seeds[0], n=len(seeds)
             )
             found = []
-            for plan in pool.map(plan_from, scenarios, [teaching] * len(scenarios), chunksize=4):
+            for plan in pool.map(plan_of, scenarios, [teaching] * len(scenarios), chunksize=4):
                 found.append(plan)
                 done += 1
                 if progress is not None:
