@@ -9,6 +9,7 @@ import typer
 
 from drm_baselines.cli.common import console, guarded, progress_bar
 from drm_baselines.errors import BaselineError
+from drm_baselines.network import load_policy
 
 
 def _modules() -> tuple[Any, Any, Any, Any]:
@@ -103,4 +104,7 @@ def imitate(
             )
 
         dagger.imitate(out, study, plans, intervals, force=force, watch=watch)
-    console.print(f"saved in {out}", soft_wrap=True)
+    finished = load_policy(out).description["training"]["finished"]
+    console.print(f"{'saved' if finished else 'interrupted; saved'} in {out}", soft_wrap=True)
+    if not finished:
+        raise typer.Exit(130)

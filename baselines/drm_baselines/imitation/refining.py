@@ -111,7 +111,10 @@ class Fleet:
     def __init__(self, teaching: Teaching, batch: int) -> None:
         self._each = batch // len(STRATA)
         self._envs = [
-            drm_env.DrmVectorEnv(num_envs=self._each, config=teaching.config(stratum))
+            # too few for threads to pay: the second processor is for another student
+            drm_env.DrmVectorEnv(
+                num_envs=self._each, config=teaching.config(stratum), num_threads=1
+            )
             for stratum in range(len(STRATA))
         ]
         self.sensing = Sensing(teaching.config(0))
