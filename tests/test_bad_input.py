@@ -208,6 +208,7 @@ BAD_OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
         {"integrator_step": 0.05, "sample_period": 0.05, "control_period": 0.05},
         "integrator_step",
     ),
+    "step that never ends": ({"integrator_step": 1e-9}, "integrator_step.*1/100000.*0.000000001"),
     "no actuators": ({"actuators": []}, "actuators"),
     "actuator twice": ({"actuators": ["tip_wheel", "tip_wheel"]}, "actuators"),
     "unknown actuator": ({"actuators": ["nose_wheel"]}, "nose_wheel"),

@@ -250,6 +250,16 @@ def test_forged_content_never_crashes(place: int, value: int) -> None:
         env.reset()
 
 
+def test_forged_step_of_the_integrator_is_refused() -> None:
+    """A step of 5e-313 s, found by the test above, would take for ever."""
+    state = bytearray(ENV.get_state())
+    step = np.float64(5e-4).tobytes()
+    assert bytes(state).count(step) >= 1
+    forged = bytes(state[:18]) + bytes(state[18:]).replace(step, np.float64(5e-313).tobytes())
+    with pytest.raises(drm_env.SnapshotError, match="integrator_step"):
+        ENV.set_state(resealed(forged))
+
+
 ENV = started(1, 23)
 BATCH = drm_env.DrmVectorEnv(3, **OPTIONS)
 BATCH.reset(seed=0)

@@ -190,6 +190,9 @@ impl Default for Scenario {
 /// Longest run of samples that dead times and delays may cover.
 const LONGEST_DELAY_SAMPLES: f64 = 1000.0;
 
+/// Most steps of the integrator in a sample period: with more, a sample would take for ever.
+const MOST_STEPS_PER_SAMPLE: f64 = 1e5;
+
 impl Scenario {
     /// The payload as it is, with every dimension known.
     pub fn true_payload(&self) -> Result<PayloadProperties, ConfigError> {
@@ -302,13 +305,18 @@ impl Scenario {
                 self.horizon,
             ));
         }
+        positive("integrator_step", self.integrator_step)?;
+        if self.sample_period / self.integrator_step > MOST_STEPS_PER_SAMPLE {
+            return Err(ConfigError::value(
+                "integrator_step",
+                format!("must be at least 1/{MOST_STEPS_PER_SAMPLE} of the sample period"),
+                self.integrator_step,
+            ));
+        }
         match self.plant {
             PlantModel::Thesis => self.validate_step(&payload),
-            PlantModel::Consistent => {
-                // implicit: stable with any step
-                positive("integrator_step", self.integrator_step)?;
-                self.validate_modes()
-            }
+            // implicit: stable with any step
+            PlantModel::Consistent => self.validate_modes(),
         }
     }
 
@@ -342,7 +350,6 @@ impl Scenario {
     /// Refuses a step beyond the stability limit 2 sqrt(2) / w of the Runge-Kutta method for the
     /// fastest undamped mode w met on the way.
     fn validate_step(&self, payload: &PayloadProperties) -> Result<(), ConfigError> {
-        positive("integrator_step", self.integrator_step)?;
         let step = self.integrator_step.min(self.sample_period);
         let (from, to) = (self.deployment.start, self.deployment.final_extension());
         let (frequency, extension) = (0..=8)
