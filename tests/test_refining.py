@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.benchmark.programme import linear_feedback, torque_limits
-from drm_baselines.errors import RunError
+from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.imitation.sensing import SEEN, Sensing
 from drm_baselines.imitation.teacher import Teaching
 
@@ -261,6 +261,13 @@ def test_refinement_makes_a_student_better_and_is_repeatable(
     assert first == second
     for one, other in zip(weights, again, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["manoeuvres", "batch"])
+@pytest.mark.parametrize("value", [0, 6])
+def test_settings_that_no_strata_can_share_are_refused(name: str, value: int) -> None:
+    with pytest.raises(BaselineError, match=f"{name} must be a multiple of 4, got {value}"):
+        refining.Refinement(**{name: value})
 
 
 def test_manoeuvres_are_drawn_once_before_any_is_drawn_again() -> None:

@@ -54,13 +54,12 @@ def imitate(
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
 ) -> None:
-    """Learn by imitation of the convex programme's torques (DAgger), then by their gradient.
+    """Learn by imitation of the convex programme's torques (DAgger), then by the gradient.
 
     The teacher knows the true payload, the student what an agent sees. After some rounds of
     imitation the student is refined by the gradient of the tip error through the plant. Plans and
-    linearised manoeuvres are made once (some ten minutes on two cores, 2 GB) and shared by all
-    seeds. An interrupted run keeps its newest policy; the same command with --force begins the
-    student anew.
+    linearised manoeuvres are made once, which takes minutes, and shared by all seeds. An
+    interrupted run keeps its newest policy; the same command with --force begins the student anew.
     """
     dagger, refining, sensitivity, teachers = _modules()
     teaching = teachers.Teaching(scenarios=scenarios)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 import drm_env
 from drm_baselines.benchmark.programme import torque_limits
 from drm_baselines.benchmark.suites import STRATA
+from drm_baselines.errors import BaselineError
 from drm_baselines.imitation.sensing import SEEN, Array, Sensing, Slope
 from drm_baselines.imitation.sensitivity import Derivatives, Intervals, derivatives
 from drm_baselines.imitation.student import Student
@@ -77,6 +78,13 @@ class Refinement:
     scale: float = 3.0e-3
     floor: float = 2.0e-4
     largest: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Check that the manoeuvres can be shared among the strata."""
+        for name in ("manoeuvres", "batch"):
+            value = getattr(self, name)
+            if value < len(STRATA) or value % len(STRATA):
+                raise BaselineError(f"{name} must be a multiple of {len(STRATA)}, got {value}")
 
 
 class Flown(NamedTuple):

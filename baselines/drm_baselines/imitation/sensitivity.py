@@ -8,7 +8,7 @@ followed sample by sample with the wheels that are at their limit left out of th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,15 +71,10 @@ _ARRAYS = (
 )  # fmt: skip
 
 
-def action_scale(scenario: Mapping[str, Any], teaching: Teaching) -> NDArray[np.float64]:
-    """Return the wheel torques of an action of 1, N m, shape (2,)."""
-    return teaching.wheel_scale * torque_limits(scenario)
-
-
 def intervals_of(scenario: Mapping[str, Any], teaching: Teaching, tail: float) -> Intervals:
     """Return the intervals of a manoeuvre until ``tail`` seconds after the slew."""
-    feedback, scale = linear_feedback(teaching.inner_law), action_scale(scenario, teaching)
-    hold = teaching.hold
+    feedback, hold = linear_feedback(teaching.inner_law), teaching.hold
+    scale = teaching.wheel_scale * torque_limits(scenario)  # N m of an action of 1
     model = drm_env.transitions(scenario, hold=1)
     end = float(drm_env.rollout([scenario], law={"name": "none"})["slew_end_time"][0])
     count = min(len(model.offset) // hold, int(np.ceil((end + tail) / (hold * LAW_PERIOD))))
@@ -130,8 +125,7 @@ def prepare(
     RunError
         The file is damaged.
     """
-    content = f"{_FORMAT} {manoeuvres} {tail} {asdict(teaching)['wheel_scale']}"
-    digest = f"{content} {digest_of(teaching)}"
+    digest = f"{_FORMAT} {manoeuvres} {tail} {teaching.wheel_scale} {digest_of(teaching)}"
     arrays = storage.load_arrays(path, digest)
     if arrays is not None:
         return Intervals(**arrays)

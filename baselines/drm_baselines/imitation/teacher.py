@@ -156,11 +156,6 @@ class Plans:
     gains: NDArray[np.float32]
     saturated: NDArray[np.int8]
 
-    def of(self, chosen: NDArray[np.int64]) -> Plans:
-        """Return copies of the plans of some of the manoeuvres."""
-        arrays = {name: getattr(self, name)[chosen] for name in ("seeds", *_PARTS)}
-        return Plans(stratum=self.stratum, **arrays)
-
 
 _PARTS = ("torques", "states", "gains", "saturated")
 
