@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import drm_env
+from drm_baselines.benchmark.field import shipped_runs
 from drm_baselines.benchmark.programme import (
     linear_feedback,
     torque_limits,
 )
 from drm_baselines.benchmark.suites import STRATA
-from drm_baselines.errors import ExistingResultError, RunError
+from drm_baselines.errors import BaselineError, ExistingResultError, RunError
 from drm_baselines.imitation import teacher
 from drm_baselines.network import load_policy
 
@@ -24,10 +25,11 @@ from drm_baselines.imitation import dagger, refining, sensitivity
 from drm_baselines.imitation.flights import Flight
 
 TEACHING = teacher.Teaching(scenarios=8)
-REFINEMENT = refining.Refinement(manoeuvres=8, steps=2, batch=4, tail=1.0)
+REFINEMENT = refining.Refinement(manoeuvres=8, steps=2, batch=4, tail=1.0, rest_delay=0.5)
+SETTLING = refining.settling(manoeuvres=8, steps=2, batch=4, tail=1.0, rest_delay=0.5)
 STUDY = dagger.Study(
     rounds=2, kept=0.02, epochs=1, last_epochs=1, batch_size=64, layers=(16,),
-    teaching=TEACHING, refinement=REFINEMENT,
+    teaching=TEACHING, refinement=REFINEMENT, settling=SETTLING,
 )  # fmt: skip
 
 
@@ -94,22 +96,36 @@ def test_plans_are_kept_and_read_back(plans: list[teacher.Plans], tmp_path: Path
         teacher.load_plans(path, TEACHING)
 
 
-def test_student_is_saved_and_repeatable(plans: list[teacher.Plans], tmp_path: Path) -> None:
-    intervals = sensitivity.prepare(
-        tmp_path / "intervals.npz", TEACHING, REFINEMENT.manoeuvres, REFINEMENT.tail
-    )
+@pytest.fixture(scope="module")
+def intervals(tmp_path_factory: pytest.TempPathFactory) -> sensitivity.Intervals:
+    path = tmp_path_factory.mktemp("imitation") / "intervals.npz"
+    return sensitivity.prepare(path, TEACHING, REFINEMENT.manoeuvres, REFINEMENT.tail)
+
+
+@pytest.fixture(scope="module")
+def run(
+    plans: list[teacher.Plans], intervals: sensitivity.Intervals,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:  # fmt: skip
+    """Return a whole run."""
+    return dagger.imitate(tmp_path_factory.mktemp("run") / "run", STUDY, plans, intervals)
+
+
+def test_student_is_saved_and_repeatable(
+    plans: list[teacher.Plans], intervals: sensitivity.Intervals, run: Path, tmp_path: Path
+) -> None:
     told: list[tuple[str, int, bool]] = []
-    first = dagger.imitate(
-        tmp_path / "first", STUDY, plans, intervals,
+    second = dagger.imitate(
+        tmp_path / "second", STUDY, plans, intervals,
         watch=lambda stage, number, point: told.append((stage, number, point is not None)),
     )  # fmt: skip
-    second = dagger.imitate(tmp_path / "second", STUDY, plans, intervals)
-    policy, again = load_policy(first), load_policy(second)
+    policy, again = load_policy(run), load_policy(second)
     for one, other in zip(policy.network.weights, again.network.weights, strict=True):
         np.testing.assert_array_equal(one, other)
     assert [entry for entry in told if entry[2]] == [
         ("imitation", 1, True), ("imitation", 2, True),
         ("refinement", 1, True), ("refinement", 2, True),
+        ("settling", 1, True), ("settling", 2, True),
     ]  # fmt: skip
     assert policy.control_period == 0.02
     training = policy.description["training"]
@@ -124,4 +140,41 @@ def test_student_is_saved_and_repeatable(plans: list[teacher.Plans], tmp_path: P
         policy.network(observations), policy.network.engine()(observations), atol=2e-6
     )
     with pytest.raises(ExistingResultError):
-        dagger.imitate(first, STUDY, plans, intervals)
+        dagger.imitate(run, STUDY, plans, intervals)
+
+
+def test_settling_begins_with_a_policy_as_a_whole_run_goes_on(
+    plans: list[teacher.Plans], intervals: sensitivity.Intervals, run: Path, tmp_path: Path
+) -> None:
+    """In two sittings or in one: the same weights, counts and curve."""
+    refined = replace(STUDY, settling=replace(SETTLING, steps=0))
+    first = dagger.imitate(tmp_path / "first", refined, plans, intervals)
+    second = dagger.imitate(tmp_path / "second", STUDY, [], intervals, start=first)
+    whole, parts = load_policy(run), load_policy(second)
+    for one, other in zip(whole.network.weights, parts.network.weights, strict=True):
+        np.testing.assert_array_equal(one, other)
+    training = parts.description["training"]
+    assert training["steps"] == whole.description["training"]["steps"]
+    assert training["start"]["weights_sha256"] == load_policy(first).description["weights_sha256"]
+    curves = [
+        [line.split(",")[0] for line in (path / "evaluations.csv").read_text().splitlines()]
+        for path in (run, second)
+    ]
+    assert curves[0] == curves[1]
+
+
+def test_a_policy_that_is_no_student_is_refused(
+    intervals: sensitivity.Intervals, run: Path, tmp_path: Path
+) -> None:
+    other = replace(STUDY, teaching=replace(TEACHING, wheel_scale=2.0))
+    with pytest.raises(BaselineError, match=r"config\.task\.wheel_scale must be 2\.0, got 4\.0"):
+        dagger.imitate(tmp_path / "out", other, [], intervals, start=run)
+    ppo = shipped_runs() / "ppo" / "seed_0"
+    with pytest.raises(BaselineError, match=r"training\.algorithm must be 'dagger', got 'ppo'"):
+        dagger.imitate(tmp_path / "out", STUDY, [], intervals, start=ppo)
+    assert not (tmp_path / "out").exists()
+
+
+def test_refinements_that_cannot_share_their_intervals_are_refused() -> None:
+    with pytest.raises(BaselineError, match=r"settling\.tail must be .* \(1\.0\), got 2\.0"):
+        replace(STUDY, settling=replace(SETTLING, tail=2.0))

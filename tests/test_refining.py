@@ -21,8 +21,9 @@ from drm_baselines.imitation import refining, sensitivity
 from drm_baselines.imitation.student import Student
 
 TEACHING = Teaching(scenarios=8)
-SETTINGS = refining.Refinement(manoeuvres=8, steps=4, batch=4, tail=30.0)
+SETTINGS = refining.Refinement(manoeuvres=8, steps=4, batch=4, tail=30.0, rest_delay=0.0)
 HORIZON = 1500  # decisions
+SIGNALS = ("time", "slew_angle", "reference_angle", "extension", "tip_deflection")
 
 
 @pytest.fixture(scope="module")
@@ -182,24 +183,34 @@ def test_squared_errors_and_gradient_are_the_engines(
                 parameter += step * along
 
     def flown_errors() -> NDArray[np.float64]:
+        """Return the mean squared tip errors of the whole and after the slew, (2, manoeuvres)."""
         network = student.perceptron().engine()
         found = []
         for stratum in range(4):
             config = TEACHING.config(stratum)
             part = TEACHING.seeds(stratum)
             scenarios = drm_env.sample_scenarios(config=config, seed=part[0], n=len(part))
-            flown = drm_env.rollout(scenarios, policy=network, config=config)
-            found.append(np.square(flown["tip_error_rms"]))
-        return np.concatenate(found)
+            flown = drm_env.rollout(scenarios, policy=network, config=config, signals=SIGNALS)
+            for i, end in enumerate(flown["slew_end_time"]):
+                time, angle, reference, extension, deflection = (
+                    flown.trajectories[name][i] for name in SIGNALS
+                )
+                errors = np.square((angle - reference) * (7.0 + extension) + deflection)
+                resting = time >= np.ceil(end / 0.02) * 0.02 - 1e-9
+                found.append((flown["tip_error_rms"][i] ** 2, errors[resting].mean()))
+        return np.array(found).T
 
     try:
         flown = fleet.fly(student.perceptron(), [int(s) for s in seeds], intervals.counts)
-        worth, squared = refining.gradient(
-            student, flown, intervals, TEACHING, fleet.sensing, limits, HORIZON
+        answers = refining.Answers(student, flown.observations)
+        goals = refining.gradient(
+            answers, flown, intervals, TEACHING, fleet.sensing, limits, HORIZON
         )
     finally:
         fleet.close()
-    np.testing.assert_allclose(squared, flown_errors(), rtol=0.01)
+    now = flown_errors()
+    for goal, errors in zip(goals, now, strict=True):
+        np.testing.assert_allclose(goal.squared, errors, rtol=0.01)
 
     observations = torch.from_numpy(flown.observations)
     step = 1e-3
@@ -211,53 +222,56 @@ def test_squared_errors_and_gradient_are_the_engines(
         move(step)
     along = ((above - below) / (2.0 * step)).numpy().astype(np.float64)
     starts = np.cumsum(flown.counts) - flown.counts
-    predicted = np.add.reduceat((worth * along).sum(axis=1), starts)
     move(step)
     errors_above = flown_errors()
     move(-2.0 * step)
     errors_below = flown_errors()
     move(step)
     differences = (errors_above - errors_below) / (2.0 * step)
-    scale = np.abs(differences).max()
-    np.testing.assert_allclose(predicted, differences, rtol=0.1, atol=0.01 * scale)
+    for goal, difference in zip(goals, differences, strict=True):
+        predicted = np.add.reduceat((goal.worth * along).sum(axis=1), starts)
+        scale = np.abs(difference).max()
+        np.testing.assert_allclose(predicted, difference, rtol=0.1, atol=0.01 * scale)
 
 
 def test_weights_are_the_slope_of_the_loss_and_capped() -> None:
     squared = np.array([1e-8, 1e-6, 1e-5, 1e-3, 1e-1])
     small = np.full(5, 1e-12)
-    loss, weight = refining.weights(squared, small, SETTINGS)
+    loss, weight = refining.weights(squared, small, 3e-3, 2e-4, 2.0)
     step = 1e-4 * squared
     above, below = (
-        refining.weights(squared + sign * step, small, SETTINGS)[0] for sign in (1.0, -1.0)
+        refining.weights(squared + sign * step, small, 3e-3, 2e-4, 2.0)[0] for sign in (1.0, -1.0)
     )
     np.testing.assert_allclose(weight, (above - below) / (2.0 * step), rtol=1e-4)
     assert (np.diff(loss) > 0).all()
     assert (loss < 1).all()
     # the relative change of a manoeuvre's error never counts for more than the largest
     for lengths in (np.full(5, 1.0), np.full(5, np.inf)):
-        _, capped = refining.weights(squared, lengths, SETTINGS)
+        _, capped = refining.weights(squared, lengths, 3e-3, 2e-4, 2.0)
         assert np.isfinite(capped).all()
         finite = np.where(np.isfinite(lengths), lengths, 0.0)
-        assert (capped * finite <= SETTINGS.largest + 1e-9).all()
+        assert (capped * finite <= 2.0 + 1e-9).all()
 
 
+@pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_refinement_makes_a_student_better_and_is_repeatable(
-    intervals: sensitivity.Intervals,
+    intervals: sensitivity.Intervals, rest: float
 ) -> None:
     found = []
     for _ in range(2):
         student = gentle_student(Sensing(TEACHING.config(0)).entries)
         rng = np.random.default_rng(0)
         settings = refining.Refinement(
-            manoeuvres=8, steps=12, batch=8, tail=SETTINGS.tail, learning_rate=3e-3, warm_up=1
-        )
+            manoeuvres=8, steps=12, batch=8, tail=SETTINGS.tail, learning_rate=3e-3, warm_up=1,
+            rest=rest,
+        )  # fmt: skip
         told = list(refining.refine(student, intervals, TEACHING, settings, rng))
         found.append((told, student.perceptron().weights))
     (first, weights), (second, again) = found
     assert [step for step, _, _ in first] == list(range(1, 13))
     assert all(decisions == 8 * HORIZON for _, decisions, _ in first)
     losses = [loss for _, _, loss in first]
-    assert losses[-1] < 0.95 * losses[0]
+    assert losses[-1] < 0.97 * losses[0]
     assert first == second
     for one, other in zip(weights, again, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -268,6 +282,12 @@ def test_refinement_makes_a_student_better_and_is_repeatable(
 def test_settings_that_no_strata_can_share_are_refused(name: str, value: int) -> None:
     with pytest.raises(BaselineError, match=f"{name} must be a multiple of 4, got {value}"):
         refining.Refinement(**{name: value})
+
+
+@pytest.mark.parametrize("delay", [-0.1, 4.0, float("nan")])
+def test_rest_that_begins_after_the_flight_is_refused(delay: float) -> None:
+    with pytest.raises(BaselineError, match=rf"rest_delay .* tail \(4\.0\), got {delay}"):
+        refining.settling(rest_delay=delay)
 
 
 def test_manoeuvres_are_drawn_once_before_any_is_drawn_again() -> None:

@@ -22,6 +22,10 @@ def _modules() -> tuple[Any, Any, Any, Any]:
     return dagger, refining, sensitivity, teacher
 
 
+def _given(options: dict[str, int | None]) -> dict[str, int]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
 @guarded
 def imitate(
     out: Annotated[Path, typer.Option(help="Directory of the run.")],
@@ -50,6 +54,18 @@ def imitate(
         int | None,
         typer.Option(min=4, help="Manoeuvres flown for each of them.", show_default=False),
     ] = None,
+    settle: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Gradient steps of the second refinement, towards rest.", show_default=False
+        ),
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory of a refined student, which has only to settle.", show_default=False
+        ),
+    ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
@@ -57,37 +73,46 @@ def imitate(
     """Learn by imitation of the convex programme's torques (DAgger), then by the gradient.
 
     The teacher knows the true payload, the student what an agent sees. After some rounds of
-    imitation the student is refined by the gradient of the tip error through the plant. Plans and
+    imitation the student is refined by the gradient of the tip error through the plant, and at last
+    it settles: it learns to leave an arm at rest alone. Plans and
     linearised manoeuvres are made once, which takes minutes, and shared by all seeds. An
     interrupted run keeps its newest policy; the same command with --force begins the student anew.
     """
     dagger, refining, sensitivity, teachers = _modules()
     teaching = teachers.Teaching(scenarios=scenarios)
-    given = {"manoeuvres": manoeuvres, "steps": refine, "batch": batch}
-    refinement = refining.Refinement(**{k: v for k, v in given.items() if v is not None})
+    given = {"manoeuvres": manoeuvres, "batch": batch}
+    stages = {
+        "refinement": refining.Refinement(**_given({**given, "steps": refine})),
+        "settling": refining.settling(**_given({**given, "steps": settle})),
+    }
+    refinement = stages["refinement"]
     settings = {} if rounds is None else {"rounds": rounds}
-    study = dagger.Study(seed=seed, teaching=teaching, refinement=refinement, **settings)
+    study = dagger.Study(seed=seed, teaching=teaching, **stages, **settings)
     with progress_bar() as progress:
-        plans = teachers.load_plans(teacher / "plans.npz", teaching)
+        plans = [] if start else teachers.load_plans(teacher / "plans.npz", teaching)
         if plans is None:
             task = progress.add_task("planning", total=scenarios, note="")
             plans = teachers.make_plans(
                 teaching, progress=lambda done, _: progress.update(task, completed=done)
             )
             teachers.save_plans(teacher / "plans.npz", plans, teaching)
-        linearising = progress.add_task("linearising", total=refinement.manoeuvres, note="")
+        linearising = progress.add_task("linearising", total=None, note="")
         intervals = sensitivity.prepare(
             teacher / "intervals.npz",
             teaching,
             refinement.manoeuvres,
             refinement.tail,
-            progress=lambda done, _: progress.update(linearising, completed=done),
+            progress=lambda done, total: progress.update(linearising, completed=done, total=total),
         )
-        progress.update(linearising, completed=refinement.manoeuvres)
+        progress.update(linearising, completed=len(intervals.counts), total=len(intervals.counts))
     with progress_bar() as progress:
+        totals = {"imitation": study.rounds, "refinement": refinement.steps}
+        totals = {**({} if start else totals), "settling": study.settling.steps}
         tasks = {
-            "imitation": progress.add_task("imitation", total=study.rounds, note="rounds"),
-            "refinement": progress.add_task("refinement", total=refinement.steps, note="steps"),
+            stage: progress.add_task(
+                stage, total=total, note="rounds" if stage == "imitation" else "steps"
+            )
+            for stage, total in totals.items()
         }
 
         def watch(stage: str, number: int, point: dict[str, float] | None) -> None:
@@ -102,7 +127,7 @@ def imitate(
                 highlight=False,
             )
 
-        dagger.imitate(out, study, plans, intervals, force=force, watch=watch)
+        dagger.imitate(out, study, plans, intervals, start=start, force=force, watch=watch)
     finished = load_policy(out).description["training"]["finished"]
     console.print(f"{'saved' if finished else 'interrupted; saved'} in {out}", soft_wrap=True)
     if not finished:

@@ -6,7 +6,8 @@ what it sees is what any agent sees there. The wheels' stored momentum is in its
 and with the momentum that the motor was told to give it tells the true inertia; the last few
 observations tell what is not measured: that is the student's memory. What the teacher knows and
 the student cannot, no imitation teaches: the gradient of the tip error does
-(:mod:`drm_baselines.imitation.refining`).
+(:mod:`drm_baselines.imitation.refining`). At last it settles: it learns to leave an arm at rest
+alone.
 
 A run is a directory like any other training run and ends in ``policy.safetensors`` and
 ``policy.json``. An interrupted one keeps the policy of its last finished round.
@@ -29,16 +30,24 @@ from torch import nn
 
 import drm_env
 from drm_baselines import storage
-from drm_baselines.errors import RunError
+from drm_baselines.benchmark.suites import STRATA
+from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.evaluation import config_data
 from drm_baselines.imitation.flights import Examples, Flight
-from drm_baselines.imitation.refining import Refinement, refine
+from drm_baselines.imitation.refining import Fleet, Refinement, refine, settling
 from drm_baselines.imitation.sensing import Array
 from drm_baselines.imitation.sensitivity import Intervals
 from drm_baselines.imitation.student import Student
 from drm_baselines.imitation.teacher import Plans, Teaching
 from drm_baselines.interruption import stop_on_signal
-from drm_baselines.network import DESCRIPTION_FILE, WEIGHTS_FILE, Perceptron, save_policy
+from drm_baselines.network import (
+    DESCRIPTION_FILE,
+    WEIGHTS_FILE,
+    NetworkPolicy,
+    Perceptron,
+    load_policy,
+    save_policy,
+)
 from drm_baselines.runs import EVALUATIONS_FILE
 
 ALGORITHM = "dagger"
@@ -46,7 +55,7 @@ CURVE_SEED = 910_000_000
 """First seed of the manoeuvres behind the curve of a run: apart from training and from suites."""
 
 _CURVE_EPISODES = 50  # a stratum
-_POINTS = 12  # of the curve, during refinement
+_POINTS = {"refinement": 12, "settling": 4}  # of the curve
 _LEVERS = np.array([12.0, 2.0, 2.0])  # m/rad at mid extension; deflections of the ends are twice
 
 
@@ -78,6 +87,8 @@ class Study:
         The teacher's settings.
     refinement
         What comes after imitation.
+    settling
+        What comes after that, with the same manoeuvres.
     """
 
     seed: int = 0
@@ -93,6 +104,16 @@ class Study:
     activation: str = "tanh"
     teaching: Teaching = field(default_factory=Teaching)
     refinement: Refinement = field(default_factory=Refinement)
+    settling: Refinement = field(default_factory=settling)
+
+    def __post_init__(self) -> None:
+        """Check that both refinements can use the same intervals."""
+        for name in ("manoeuvres", "tail"):
+            one, other = getattr(self.refinement, name), getattr(self.settling, name)
+            if one != other:
+                raise BaselineError(
+                    f"settling.{name} must be that of the refinement ({one}), got {other}"
+                )
 
 
 class _Lesson:
@@ -162,6 +183,7 @@ def imitate(
     plans: Sequence[Plans],
     intervals: Intervals,
     *,
+    start: Path | None = None,
     force: bool = False,
     watch: Callable[[str, int, dict[str, float] | None], None] | None = None,
 ) -> Path:
@@ -177,48 +199,126 @@ def imitate(
         From :func:`drm_baselines.imitation.teacher.make_plans`.
     intervals
         From :func:`drm_baselines.imitation.sensitivity.prepare`, for the study's refinement.
+    start
+        Directory of a student that has been refined and has only to settle.
     force
         Start anew in a directory that is not empty.
     watch
-        Called with the stage (``"imitation"``, ``"refinement"``), how many of its rounds or steps
-        are done, and the curve's newest point if there is one.
+        Called with the stage (``"imitation"``, ``"refinement"``, ``"settling"``), how many of its
+        rounds or steps are done, and the curve's newest point if there is one.
 
     Raises
     ------
     ExistingResultError
         The directory is not empty and ``force`` is false.
     RunError
-        Interrupted before the first round was over.
+        Interrupted before the first round was over, ``start`` damaged.
+    BaselineError
+        ``start`` is no student of this teaching.
     """
+    begun = None if start is None else _begun(start, study)
+    points = [] if start is None else _points_of(start)
     storage.claim_directory(directory, force=force)
     for name in (WEIGHTS_FILE, DESCRIPTION_FILE, EVALUATIONS_FILE):
         (directory / name).unlink(missing_ok=True)
     torch.set_num_threads(1)
     torch.manual_seed(study.seed)
     rng = np.random.default_rng([study.seed, 20])
-    curve = _Curve(directory, study, watch)
+    curve = _Curve(directory, study, watch, begun, points)
+    student: Student | None = None
     with stop_on_signal() as stop:
-        student, decisions = _imitated(study, plans, rng, curve, stop.is_set)
-        if student is not None and not stop.is_set():
-            settings = study.refinement
-            best = copy.deepcopy(student.state_dict())
-            every = max(1, settings.steps // _POINTS)
-            for step, flown, loss in refine(student, intervals, study.teaching, settings, rng):
-                decisions += flown
-                if stop.is_set():
-                    student.load_state_dict(best)
-                    break
-                if watch is not None:
-                    watch("refinement", step, None)
-                if step % every == 0 or step == settings.steps:
-                    curve.point("refinement", step, student, decisions, loss)
-                    best = copy.deepcopy(student.state_dict())
-            curve.finished = not stop.is_set()
+        if begun is None:
+            student, decisions = _imitated(study, plans, rng, curve, stop.is_set)
+            if student is not None and not stop.is_set():
+                decisions = _refined(student, intervals, rng, curve, decisions, stop.is_set)
+            refined = None if student is None else student.perceptron()
+        else:
+            refined, decisions = begun.network, int(begun.description["training"]["steps"])
+        settles = begun is not None or study.settling.steps > 0
+        if refined is not None and settles and not stop.is_set():
+            # from what a policy file holds: whether a run goes on or begins with one is the same
+            student = Student.of(refined, *_usual(refined, intervals, study))
+            rng = np.random.default_rng([study.seed, 21])
+            _refined(student, intervals, rng, curve, decisions, stop.is_set, stage="settling")
+        curve.finished = not stop.is_set()
         if student is not None and curve.points:
             curve.save(student)
-    if not curve.points:
+    if not curve.points or student is None:
         raise RunError(f"{directory}: interrupted before the first round was over")
     return directory
+
+
+def _begun(start: Path, study: Study) -> NetworkPolicy:
+    """Return the student that a run begins with.
+
+    Raises
+    ------
+    BaselineError
+        It is none, or not one of this teaching.
+    """
+    policy = load_policy(start)
+    training = policy.description.get("training", {})
+    if training.get("algorithm") != ALGORITHM:
+        found = training.get("algorithm")
+        raise BaselineError(f"{start}: training.algorithm must be {ALGORITHM!r}, got {found!r}")
+    wanted = describe(study, [{"steps": 0, "wall_time": 0.0}], False)["config"]["task"]
+    task = policy.description["config"]["task"]
+    for name, value in wanted.items():
+        if task.get(name) != value:
+            raise BaselineError(
+                f"{start}: config.task.{name} must be {value!r}, got {task.get(name)!r}"
+            )
+    return policy
+
+
+def _points_of(start: Path) -> list[dict[str, float]]:
+    """Return the curve so far of the run that another begins with."""
+    path = start / EVALUATIONS_FILE
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+        return [{name: float(value) for name, value in row.items()} for row in rows]
+    except (OSError, ValueError, TypeError) as error:
+        raise RunError(f"{path}: no learning curve: {error}") from error
+
+
+def _usual(
+    network: Perceptron, intervals: Intervals, study: Study
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return mean and deviation of what a student sees on the first manoeuvres of each stratum."""
+    settings, strata = study.settling, range(len(STRATA))
+    seeds = [seed for i in strata for seed in study.teaching.seeds(i, settings.batch)]
+    each = len(seeds) // len(STRATA)
+    firsts = [i * settings.manoeuvres // len(STRATA) + np.arange(each) for i in strata]
+    fleet = Fleet(study.teaching, settings.batch)
+    try:
+        seen = fleet.fly(network, seeds, intervals.counts[np.concatenate(firsts)]).observations
+    finally:
+        fleet.close()
+    return seen.mean(axis=0), seen.std(axis=0) + np.float32(1e-3)
+
+
+def _refined(
+    student: Student, intervals: Intervals, rng: np.random.Generator, curve: _Curve,
+    decisions: int, stopped: Callable[[], bool], stage: str = "refinement",
+) -> int:  # fmt: skip
+    """Refine a student; return the decisions so far. A stopped one is as at the last point."""
+    study: Study = curve.study
+    settings: Refinement = getattr(study, stage)
+    before = study.refinement.steps if stage == "settling" else 0
+    best = copy.deepcopy(student.state_dict())
+    every = max(1, settings.steps // _POINTS[stage])
+    for step, flown, loss in refine(student, intervals, study.teaching, settings, rng):
+        decisions += flown
+        if stopped():
+            student.load_state_dict(best)
+            break
+        if curve.watch is not None:
+            curve.watch(stage, step, None)
+        if step % every == 0 or step == settings.steps:
+            curve.point(stage, step, student, decisions, loss, refined=before + step)
+            best = copy.deepcopy(student.state_dict())
+    return decisions
 
 
 def _imitated(
@@ -257,13 +357,18 @@ class _Curve:
     def __init__(
         self, directory: Path, study: Study,
         watch: Callable[[str, int, dict[str, float] | None], None] | None,
+        begun: NetworkPolicy | None, points: list[dict[str, float]],
     ) -> None:  # fmt: skip
-        self.directory, self.study, self.watch = directory, study, watch
-        self.points: list[dict[str, float]] = []
+        self.directory, self.study, self.watch, self.begun = directory, study, watch, begun
+        self.points = points
         self.finished = False
-        self._begun = time.monotonic()
+        before = 0.0 if begun is None else float(begun.description["training"]["wall_time"])
+        self._begun = time.monotonic() - before
 
-    def point(self, stage: str, number: int, student: Student, decisions: int, loss: float) -> None:
+    def point(
+        self, stage: str, number: int, student: Student, decisions: int, loss: float,
+        refined: int = 0,
+    ) -> None:  # fmt: skip
         """Judge the student, save it and tell."""
         from drm_baselines.statistics import interquartile_mean
 
@@ -271,7 +376,7 @@ class _Curve:
         point = {
             "steps": float(decisions),
             "wall_time": time.monotonic() - self._begun,
-            "refined": float(number if stage == "refinement" else 0),
+            "refined": float(refined),
             "loss": loss,
             "tip_error_rms": interquartile_mean(np.nan_to_num(judged["tip_error_rms"], nan=10)),
             "residual_rms": interquartile_mean(np.nan_to_num(judged["residual_rms"], nan=10)),
@@ -284,21 +389,20 @@ class _Curve:
 
     def save(self, student: Student) -> None:
         """Write policy and curve."""
-        _save(self.directory, student, self.study, self.points, finished=self.finished)
-
-
-def _save(
-    directory: Path, student: Student, study: Study, points: list[dict[str, float]],
-    *, finished: bool,
-) -> None:  # fmt: skip
-    with (
-        storage.atomic_path(directory / EVALUATIONS_FILE, overwrite=True) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as stream,
-    ):
-        writer = csv.DictWriter(stream, list(points[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(points)
-    save_policy(directory, student.perceptron(), describe(study, points, finished))
+        with (
+            storage.atomic_path(self.directory / EVALUATIONS_FILE, overwrite=True) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as stream,
+        ):
+            writer = csv.DictWriter(stream, list(self.points[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self.points)
+        description = describe(self.study, self.points, self.finished)
+        if self.begun is not None:
+            before = self.begun.description
+            description["training"]["start"] = {
+                "weights_sha256": before["weights_sha256"], **before["training"],
+            }  # fmt: skip
+        save_policy(self.directory, student.perceptron(), description)
 
 
 def describe(study: Study, points: Sequence[dict[str, float]], finished: bool) -> dict[str, Any]:

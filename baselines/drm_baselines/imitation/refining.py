@@ -14,14 +14,20 @@ Manoeuvres differ by a factor of 10,000 in what is possible. What is minimised i
 with e the RMS of the tip error and e0 some millimetres: a manoeuvre counts most where e is near e0,
 less where nothing is left to be gained and where nothing can be done. A flight of which a small
 change of the actions changes everything gives a huge gradient that says nothing: it is scaled down.
+
+A student refined like that answers tiny errors too stiffly and keeps the arm shaking by some
+hundredths of a millimetre for ever, which e does not show. So a second refinement
+(:func:`settling`) adds the same function of the tip error at rest, with hundredths of a
+millimetre for e0. The rest begins some time after the slew, when what its end excites has died
+away: beside that the shaking would not count.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -64,6 +70,12 @@ class Refinement:
         Tip error RMS e0 (m) at which a manoeuvre counts most.
     floor
         Tip error RMS (m) below which nothing is gained.
+    rest
+        Weight of the tip error at rest as a goal of its own; 0 leaves it out.
+    rest_scale, rest_floor
+        What scale and floor are, at rest.
+    rest_delay
+        Seconds after the slew from which on the arm is to be at rest.
     largest
         Largest length of a manoeuvre's gradient: relative change of its tip error by the torques of
         all decisions, in multiples of the wheels' limits.
@@ -77,6 +89,10 @@ class Refinement:
     tail: float = 4.0
     scale: float = 3.0e-3
     floor: float = 2.0e-4
+    rest: float = 0.0
+    rest_scale: float = 2.0e-5
+    rest_floor: float = 3.0e-6
+    rest_delay: float = 2.0
     largest: float = 2.0
 
     def __post_init__(self) -> None:
@@ -85,6 +101,16 @@ class Refinement:
             value = getattr(self, name)
             if value < len(STRATA) or value % len(STRATA):
                 raise BaselineError(f"{name} must be a multiple of {len(STRATA)}, got {value}")
+        if not 0.0 <= self.rest_delay < self.tail:
+            raise BaselineError(
+                f"rest_delay must be at least 0 and below tail ({self.tail}), got {self.rest_delay}"
+            )
+
+
+def settling(**changes: Any) -> Refinement:
+    """Return the settings of the second refinement."""
+    settings: dict[str, Any] = {"steps": 120, "learning_rate": 2.0e-4, "rest": 1.0}
+    return Refinement(**{**settings, **changes})
 
 
 class Flown(NamedTuple):
@@ -117,13 +143,13 @@ class Fleet:
     """
 
     def __init__(self, teaching: Teaching, batch: int) -> None:
-        self._each = batch // len(STRATA)
+        each = batch // len(STRATA)
+        strata = range(len(STRATA))
+        self._parts = [slice(stratum * each, (stratum + 1) * each) for stratum in strata]
         self._envs = [
             # too few for threads to pay: the second processor is for another student
-            drm_env.DrmVectorEnv(
-                num_envs=self._each, config=teaching.config(stratum), num_threads=1
-            )
-            for stratum in range(len(STRATA))
+            drm_env.DrmVectorEnv(num_envs=each, config=teaching.config(stratum), num_threads=1)
+            for stratum in strata
         ]
         self.sensing = Sensing(teaching.config(0))
 
@@ -138,10 +164,9 @@ class Fleet:
         total = int(counts.sum())
         observations = np.empty((total, self.sensing.entries), dtype=np.float32)
         states = np.empty((total, 6), dtype=np.float32)
-        parts = range(0, len(seeds), self._each)
         seen = [
-            env.reset(seed=[int(seed) for seed in seeds[part : part + self._each]])[0]
-            for env, part in zip(self._envs, parts, strict=True)
+            env.reset(seed=[int(seed) for seed in seeds[part]])[0]
+            for env, part in zip(self._envs, self._parts, strict=True)
         ]
         for k in range(int(counts.max())):
             flying = np.flatnonzero(k < counts)
@@ -154,112 +179,175 @@ class Fleet:
             states[rows] = np.concatenate(where)[flying]
             actions = policy(now)
             seen = [
-                env.step(actions[part : part + self._each])[0]
-                for env, part in zip(self._envs, parts, strict=True)
+                env.step(actions[part])[0]
+                for env, part in zip(self._envs, self._parts, strict=True)
             ]
         return Flown(counts, observations, states)
 
 
-def feedback(student: Student, observations: torch.Tensor, seen: Sequence[Slope]) -> list[Array]:
-    """Return how the actions depend on what was seen now, one decision ago, and so on.
+class Answers:
+    """What a student answers to observations (n, m), kept for its derivatives.
 
-    ``seen`` is from :meth:`drm_baselines.imitation.sensing.Sensing.slopes`. Shapes (n, 2, 8). An
-    action at its limit depends on nothing.
+    Attributes
+    ----------
+    actions
+        Not limited, (n, 2).
     """
-    ages = 1 + max(slope.age for slope in seen)
-    found = [np.zeros((2, 8, len(observations)), dtype=np.float32) for _ in range(ages)]
-    for start in range(0, len(observations), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        given = observations[part].clone().requires_grad_(True)
-        actions = student(given)
-        inside = (actions.detach().abs() < 1.0).float()
-        for i in range(2):
-            (by_entry,) = torch.autograd.grad(actions[:, i].sum(), given, retain_graph=i == 0)
-            by = np.ascontiguousarray((by_entry * inside[:, i, None]).numpy().T)
-            for slope in seen:
-                found[slope.age][i, slope.quantity, part] += by[slope.entry] * slope.slope[part]
-    return [np.ascontiguousarray(array.transpose(2, 0, 1)) for array in found]
+
+    def __init__(self, student: Student, observations: Array) -> None:
+        self._given = [
+            part.clone().requires_grad_(True)
+            for part in torch.split(torch.from_numpy(observations), _CHUNK)
+        ]
+        self._parts = [student(given) for given in self._given]
+        self._weights = list(student.parameters())
+        self.actions = torch.cat([part.detach() for part in self._parts])
+
+    def feedback(self, seen: Sequence[Slope]) -> list[Array]:
+        """Return how the actions depend on what was seen now, one decision ago, and so on.
+
+        ``seen`` is from :meth:`drm_baselines.imitation.sensing.Sensing.slopes`. Shapes (n, 2, 8).
+        An action at its limit depends on nothing.
+        """
+        ages = 1 + max(slope.age for slope in seen)
+        count = len(self.actions)
+        found = [np.zeros((2, 8, count), dtype=np.float32) for _ in range(ages)]
+        inside = (self.actions.abs() < 1.0).float()
+        start = 0
+        for given, actions in zip(self._given, self._parts, strict=True):
+            part = slice(start, start + len(given))
+            start = part.stop
+            for i in range(2):
+                (by_entry,) = torch.autograd.grad(actions[:, i].sum(), given, retain_graph=True)
+                by = np.ascontiguousarray((by_entry * inside[part, i, None]).numpy().T)
+                for slope in seen:
+                    found[slope.age][i, slope.quantity, part] += by[slope.entry] * slope.slope[part]
+        return [np.ascontiguousarray(array.transpose(2, 0, 1)) for array in found]
+
+    def backward(self, towards: NDArray[np.float64]) -> None:
+        """Add to the gradients of the weights; ``towards`` are the derivatives by the actions.
+
+        What was kept for derivatives is gone then.
+        """
+        wanted = torch.split(torch.from_numpy(towards.astype(np.float32)), _CHUNK)
+        for actions, direction in zip(self._parts, wanted, strict=True):
+            actions.backward(direction, inputs=self._weights)
 
 
 def adjoint(
     counts: NDArray[np.int64], onward: Array, cost: Array, policy: Sequence[Array]
 ) -> Array:
-    """Return what a change of each action is worth, with all that follows from it, (n, 2).
+    """Return what a change of each action is worth, with all that follows from it, (n, 2, m).
 
     Parameters
     ----------
     counts
         Decisions of each manoeuvre, which follow one another in the other arrays.
-    onward, cost
+    onward
         See :class:`drm_baselines.imitation.sensitivity.Derivatives`.
+    cost
+        Derivatives of what it is worth to each of m goals, (n, 8, m).
     policy
         How the actions depend on what was seen now, one decision ago, and so on: (n, 2, 8) each.
     """
     starts = np.cumsum(counts) - counts
+    goals = cost.shape[2]
     back = np.ascontiguousarray(np.swapaxes(onward, 1, 2))
     through = [np.ascontiguousarray(np.swapaxes(part, 1, 2)) for part in policy]
-    later = np.zeros((len(counts), 10), dtype=np.float32)
-    worth = np.empty((len(cost), 2), dtype=np.float32)
+    later = np.zeros((len(counts), 10, goals), dtype=np.float32)
+    worth = np.empty((len(cost), 2, goals), dtype=np.float32)
     for k in range(int(counts.max()) - 1, -1, -1):
         flying = np.flatnonzero(k < counts)
         rows = starts[flying] + k
-        direct = cost[rows] + (back[rows] @ later[flying][:, :, None])[:, :, 0]
+        direct = cost[rows] + back[rows] @ later[flying]
         worth[rows] = direct[:, 6:]
-        now = np.zeros((len(flying), 10), dtype=np.float32)
+        now = np.zeros((len(flying), 10, goals), dtype=np.float32)
         now[:, :6] = direct[:, :6]
         now[:, 6:8] = later[flying, 6:8]  # momentum is kept
         for age, part in enumerate(through):
             seen = np.flatnonzero(k + age < counts[flying])
             then = rows[seen] + age
-            now[np.ix_(seen, _COLUMNS)] += (part[then] @ worth[then][:, :, None])[:, :, 0]
+            now[np.ix_(seen, _COLUMNS)] += part[then] @ worth[then]
         later[flying] = now
     return worth
 
 
+class Goal(NamedTuple):
+    """What of the manoeuvres is to be small.
+
+    Attributes
+    ----------
+    squared
+        The mean squared error of each manoeuvre, m^2, (manoeuvres,).
+    worth
+        Its derivatives by what the network puts out at every decision, (n, 2).
+    """
+
+    squared: NDArray[np.float64]
+    worth: Array
+
+
 def weights(
-    squared: NDArray[np.float64], lengths: NDArray[np.float64], settings: Refinement
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    squared: NDArray[np.float64], lengths: NDArray[np.float64], scale: float, floor: float,
+    largest: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     """Return loss and weight of each manoeuvre's gradient.
 
     Parameters
     ----------
     squared
-        Mean squared tip error, m^2, shape (n,).
+        Mean squared error, m^2, shape (n,).
     lengths
         Length of its gradient with respect to the torques of all decisions, in multiples of the
         wheels' limits.
-    settings
-        What the loss is.
+    scale, floor, largest
+        See :class:`Refinement`.
     """
-    floored = squared + settings.floor**2
-    x = (np.sqrt(floored) / settings.scale) ** 0.5
+    floored = squared + floor**2
+    x = (np.sqrt(floored) / scale) ** 0.5
     relative = 0.5 / floored  # derivative of the logarithm of the RMS
     length = np.maximum(lengths * relative, 1e-12)
-    weight = relative * 0.5 * x / (1.0 + x) ** 2 * np.minimum(1.0, settings.largest / length)
+    weight = relative * 0.5 * x / (1.0 + x) ** 2 * np.minimum(1.0, largest / length)
     return x / (1.0 + x), np.where(np.isfinite(weight), weight, 0.0)
 
 
 def gradient(
-    student: Student, flown: Flown, intervals: Intervals, teaching: Teaching, sensing: Sensing,
+    answers: Answers, flown: Flown, intervals: Intervals, teaching: Teaching, sensing: Sensing,
     limits: torch.Tensor, samples: int,
-) -> tuple[Array, NDArray[np.float64]]:  # fmt: skip
-    """Return the derivatives of the manoeuvres' mean squared errors by the network's outputs.
+) -> tuple[Goal, Goal]:  # fmt: skip
+    """Return the tip errors of the whole and of the rest of each manoeuvre with their derivatives.
 
-    Shape (n, 2), with the mean squared errors (manoeuvres,); the mean is over ``samples`` decisions
-    whatever was flown.
+    The mean over the whole is over ``samples`` decisions whatever was flown.
     """
-    observations = torch.from_numpy(flown.observations)
-    with torch.no_grad():
-        wanted = torch.cat([student(part) for part in torch.split(observations, _CHUNK)])
     found: Derivatives = derivatives(
-        intervals, torch.from_numpy(flown.states), wanted.clamp(-1.0, 1.0), teaching, limits
+        intervals,
+        torch.from_numpy(flown.states),
+        answers.actions.clamp(-1.0, 1.0),
+        teaching,
+        limits,
     )
-    policy = feedback(student, observations, sensing.slopes(flown.observations))
-    worth = adjoint(flown.counts, found.onward.numpy(), found.cost.numpy(), policy)
+    policy = answers.feedback(sensing.slopes(flown.observations))
     starts = np.cumsum(flown.counts) - flown.counts
-    squared = np.add.reduceat(found.squared.numpy().astype(np.float64), starts) / samples
-    inside = wanted.abs().numpy() < 1.0
-    return np.nan_to_num(worth * inside / np.float32(samples)), squared
+    rest = at_rest(flown, intervals.ends)
+    counted = np.stack([np.ones_like(rest), rest], axis=1).astype(np.float32)
+    cost = found.cost.numpy()[:, :, None] * counted[:, None]
+    worth = adjoint(flown.counts, found.onward.numpy(), cost, policy)
+    worth *= (answers.actions.abs().numpy() < 1.0)[:, :, None]
+    squared = found.squared.numpy().astype(np.float64)
+    goals = []
+    for i, over in enumerate((np.full_like(flown.counts, samples), flown.counts - intervals.ends)):
+        mean = np.add.reduceat(squared * counted[:, i], starts) / over
+        each = np.repeat(over, flown.counts).astype(np.float32)[:, None]
+        goals.append(Goal(mean, np.nan_to_num(worth[:, :, i] / each)))
+    return goals[0], goals[1]
+
+
+def at_rest(flown: Flown, ends: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which decisions come after the slew; ``ends`` are the first ones, (manoeuvres,)."""
+    starts = np.cumsum(flown.counts) - flown.counts
+    decision = np.arange(len(flown.states)) - np.repeat(starts, flown.counts)
+    after: NDArray[np.bool_] = decision >= np.repeat(ends, flown.counts)
+    return after
 
 
 def refine(
@@ -270,52 +358,61 @@ def refine(
 
     ``intervals`` are those of the manoeuvres :meth:`Teaching.seeds` of so many as the settings say.
     """
-    seeds = np.concatenate(
-        [np.array(teaching.seeds(stratum, settings.manoeuvres)) for stratum in range(len(STRATA))]
-    )
+    strata = range(len(STRATA))
+    seeds = np.concatenate([np.array(teaching.seeds(i, settings.manoeuvres)) for i in strata])
     scenario = drm_env.sample_scenarios(config=teaching.config(0), seed=int(seeds[0]), n=1)[0]
     limits = torch.from_numpy(torque_limits(scenario).astype(np.float32))
-    samples = round(scenario["horizon"] / teaching.task()["control_period"])
-    decks = [_Deck(len(seeds) // len(STRATA), rng) for _ in STRATA]
+    period = teaching.task()["control_period"]
+    samples = round(scenario["horizon"] / period)
+    each = settings.batch // len(STRATA)
+    delay = math.ceil(settings.rest_delay / period)
+    intervals = replace(intervals, ends=intervals.ends + delay)
+    decks = [_Deck(settings.manoeuvres // len(STRATA), rng) for _ in strata]
     optimiser = torch.optim.Adam(student.parameters(), betas=(0.9, 0.99))
     fleet = Fleet(teaching, settings.batch)
     try:
         for step in range(settings.steps):
-            each = settings.batch // len(STRATA)
             chosen = np.concatenate(
                 [i * deck.size + deck.draw(each) for i, deck in enumerate(decks)]
             )
             flown = fleet.fly(student.perceptron(), seeds[chosen], intervals.counts[chosen])
-            worth, squared = gradient(
-                student, flown, intervals.of(chosen), teaching, fleet.sensing, limits, samples
+            answers = Answers(student, flown.observations)
+            goals = gradient(
+                answers, flown, intervals.of(chosen), teaching, fleet.sensing, limits, samples
             )
-            starts = np.cumsum(flown.counts) - flown.counts
-            per_torque = np.square(worth.astype(np.float64) / teaching.wheel_scale).sum(axis=1)
-            lengths = np.sqrt(np.add.reduceat(per_torque, starts))
-            loss, weight = weights(squared, lengths, settings)
-            towards = worth * np.repeat(weight / settings.batch, flown.counts)[:, None]
-            _descend(student, optimiser, flown.observations, towards, _rate(step, settings))
-            yield step + 1, len(worth), float(loss.mean())
+            loss, towards = _towards(goals, flown.counts, teaching, settings)
+            for group in optimiser.param_groups:
+                group["lr"] = _rate(step, settings)
+            optimiser.zero_grad()
+            answers.backward(towards)
+            optimiser.step()
+            yield step + 1, len(towards), loss
     finally:
         fleet.close()
+
+
+def _towards(
+    goals: Sequence[Goal], counts: NDArray[np.int64], teaching: Teaching, settings: Refinement
+) -> tuple[float, NDArray[np.float64]]:
+    """Return the mean loss of the manoeuvres and its derivatives by what the network puts out."""
+    starts = np.cumsum(counts) - counts
+    priced = (
+        (1.0, settings.scale, settings.floor),
+        (settings.rest, settings.rest_scale, settings.rest_floor),
+    )
+    total, towards = 0.0, np.zeros(goals[0].worth.shape)
+    for goal, (price, scale, floor) in zip(goals, priced, strict=True):
+        per_torque = np.square(goal.worth.astype(np.float64) / teaching.wheel_scale).sum(axis=1)
+        lengths = np.sqrt(np.add.reduceat(per_torque, starts))
+        loss, weight = weights(goal.squared, lengths, scale, floor, settings.largest)
+        total += price * float(loss.mean())
+        towards += goal.worth * np.repeat(price * weight / len(counts), counts)[:, None]
+    return total, towards
 
 
 def _rate(step: int, settings: Refinement) -> float:
     cosine = 0.5 * (1.0 + math.cos(math.pi * step / settings.steps))
     return settings.learning_rate * min((step + 1) / settings.warm_up, cosine)
-
-
-def _descend(
-    student: Student, optimiser: torch.optim.Optimizer, observations: Array,
-    towards: NDArray[np.float64], rate: float,
-) -> None:  # fmt: skip
-    optimiser.zero_grad()
-    seen, wanted = torch.from_numpy(observations), torch.from_numpy(towards.astype(np.float32))
-    for part, direction in zip(torch.split(seen, _CHUNK), torch.split(wanted, _CHUNK), strict=True):
-        (student(part) * direction).sum().backward()
-    for group in optimiser.param_groups:
-        group["lr"] = rate
-    optimiser.step()
 
 
 class _Deck:

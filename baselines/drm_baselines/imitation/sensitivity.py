@@ -24,7 +24,7 @@ from drm_baselines.imitation.teacher import Teaching, digest_of
 from drm_baselines.policies import LAW_PERIOD
 from drm_baselines.processes import process_pool
 
-_FORMAT = "drm-sensitivities 1"
+_FORMAT = "drm-sensitivities 2"
 _CHUNK = 2048  # intervals at a time: what fits into the cache
 
 
@@ -36,6 +36,8 @@ class Intervals:
     ----------
     counts
         Intervals of each manoeuvre, (manoeuvres,).
+    ends
+        The first of them that begins after the slew, (manoeuvres,).
     onward
         While no wheel saturates: next state, momenta of the wheels and their last torques, by state
         (6) and action (2), (n, 10, 8).
@@ -49,6 +51,7 @@ class Intervals:
     """
 
     counts: NDArray[np.int64]
+    ends: NDArray[np.int64]
     onward: NDArray[np.float32]
     errors: NDArray[np.float32]
     transition: NDArray[np.float32]
@@ -60,12 +63,14 @@ class Intervals:
 
     def of(self, manoeuvres: NDArray[np.int64]) -> Intervals:
         """Return copies of the intervals of some manoeuvres, in the order given."""
-        ends = np.cumsum(self.counts)
-        rows = np.concatenate([np.arange(ends[i] - self.counts[i], ends[i]) for i in manoeuvres])
+        last = np.cumsum(self.counts)
+        rows = np.concatenate([np.arange(last[i] - self.counts[i], last[i]) for i in manoeuvres])
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
-        return Intervals(counts=self.counts[manoeuvres], **arrays)
+        each = {name: getattr(self, name)[manoeuvres] for name in _EACH}
+        return Intervals(**each, **arrays)
 
 
+_EACH = ("counts", "ends")
 _ARRAYS = (
     "onward", "errors", "transition", "given", "drift", "error_state", "error_input", "error_drift",
 )  # fmt: skip
@@ -77,7 +82,8 @@ def intervals_of(scenario: Mapping[str, Any], teaching: Teaching, tail: float) -
     scale = teaching.wheel_scale * torque_limits(scenario)  # N m of an action of 1
     model = drm_env.transitions(scenario, hold=1)
     end = float(drm_env.rollout([scenario], law={"name": "none"})["slew_end_time"][0])
-    count = min(len(model.offset) // hold, int(np.ceil((end + tail) / (hold * LAW_PERIOD))))
+    period = hold * LAW_PERIOD
+    count = min(len(model.offset) // hold, int(np.ceil((end + tail) / period)))
     model = drm_env.Transitions(model.start, *(part[: count * hold] for part in model[1:]))
     whole = closed_loop(model, feedback, hold)
     # the wheels' torques at the samples, and what they add up to
@@ -106,6 +112,7 @@ def intervals_of(scenario: Mapping[str, Any], teaching: Teaching, tail: float) -
     }
     return Intervals(
         counts=np.array([count], dtype=np.int64),
+        ends=np.array([min(count, int(np.ceil(end / period)))], dtype=np.int64),
         **{name: array.astype(np.float32) for name, array in arrays.items()},
     )
 
@@ -144,7 +151,7 @@ def prepare(
                 if progress is not None:
                     progress(len(found), manoeuvres)
     joined = {
-        name: np.concatenate([getattr(one, name) for one in found]) for name in ("counts", *_ARRAYS)
+        name: np.concatenate([getattr(one, name) for one in found]) for name in (*_EACH, *_ARRAYS)
     }
     storage.save_arrays(path, joined, digest)
     return Intervals(**joined)

@@ -48,6 +48,25 @@ class Student(nn.Module):
         actions: torch.Tensor = self.layers(scaled)
         return actions
 
+    @classmethod
+    def of(
+        cls, network: Perceptron, mean: NDArray[np.float32], deviation: NDArray[np.float32]
+    ) -> Student:
+        """Return a student that is this network, with observations standardised anew."""
+        student = cls(
+            [len(bias) for bias in network.biases[:-1]], network.activation, mean, deviation
+        )
+        linear = [layer for layer in student.layers if isinstance(layer, nn.Linear)]
+        weights = [np.asarray(weight, dtype=np.float64) for weight in network.weights]
+        biases = [np.asarray(bias, dtype=np.float64) for bias in network.biases]
+        biases[0] = biases[0] + weights[0] @ mean.astype(np.float64)
+        weights[0] = weights[0] * deviation.astype(np.float64)
+        with torch.no_grad():
+            for layer, weight, bias in zip(linear, weights, biases, strict=True):
+                layer.weight.copy_(torch.from_numpy(weight))
+                layer.bias.copy_(torch.from_numpy(bias))
+        return student
+
     def perceptron(self) -> Perceptron:
         """Return the same network as plain arrays."""
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
