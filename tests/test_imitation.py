@@ -149,6 +149,9 @@ def test_settling_begins_with_a_policy_as_a_whole_run_goes_on(
     """In two sittings or in one: the same weights, counts and curve."""
     refined = replace(STUDY, settling=replace(SETTLING, steps=0))
     first = dagger.imitate(tmp_path / "first", refined, plans, intervals)
+    other = replace(STUDY, teaching=replace(TEACHING, wheel_scale=2.0))
+    with pytest.raises(BaselineError, match=r"config\.task\.wheel_scale must be 2\.0, got 4\.0"):
+        dagger.imitate(tmp_path / "second", other, [], intervals, start=first)
     second = dagger.imitate(tmp_path / "second", STUDY, [], intervals, start=first)
     whole, parts = load_policy(run), load_policy(second)
     for one, other in zip(whole.network.weights, parts.network.weights, strict=True):
@@ -166,9 +169,8 @@ def test_settling_begins_with_a_policy_as_a_whole_run_goes_on(
 def test_a_policy_that_is_no_student_is_refused(
     intervals: sensitivity.Intervals, run: Path, tmp_path: Path
 ) -> None:
-    other = replace(STUDY, teaching=replace(TEACHING, wheel_scale=2.0))
-    with pytest.raises(BaselineError, match=r"config\.task\.wheel_scale must be 2\.0, got 4\.0"):
-        dagger.imitate(tmp_path / "out", other, [], intervals, start=run)
+    with pytest.raises(BaselineError, match=r"settling\.steps must be 0, got 2"):
+        dagger.imitate(tmp_path / "out", STUDY, [], intervals, start=run)
     ppo = shipped_runs() / "ppo" / "seed_0"
     with pytest.raises(BaselineError, match=r"training\.algorithm must be 'dagger', got 'ppo'"):
         dagger.imitate(tmp_path / "out", STUDY, [], intervals, start=ppo)

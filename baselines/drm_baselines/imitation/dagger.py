@@ -254,13 +254,18 @@ def _begun(start: Path, study: Study) -> NetworkPolicy:
     Raises
     ------
     BaselineError
-        It is none, or not one of this teaching.
+        It is none, not one of this teaching, or has settled already.
     """
     policy = load_policy(start)
     training = policy.description.get("training", {})
     if training.get("algorithm") != ALGORITHM:
         found = training.get("algorithm")
         raise BaselineError(f"{start}: training.algorithm must be {ALGORITHM!r}, got {found!r}")
+    settled = training.get("hyperparameters", {}).get("settling", {}).get("steps", 0)
+    if settled:
+        raise BaselineError(
+            f"{start}: training.hyperparameters.settling.steps must be 0, got {settled}"
+        )
     wanted = describe(study, [{"steps": 0, "wall_time": 0.0}], False)["config"]["task"]
     task = policy.description["config"]["task"]
     for name, value in wanted.items():
