@@ -74,10 +74,12 @@ def imitate(
 
     The teacher knows the true payload, the student what an agent sees. After some rounds of
     imitation the student is refined by the gradient of the tip error through the plant, and at last
-    it settles: it learns to leave an arm at rest alone. Plans and
-    linearised manoeuvres are made once, which takes minutes, and shared by all seeds. An
-    interrupted run keeps its newest policy; the same command with --force begins the student anew.
+    it settles: it learns to leave an arm at rest alone. Plans and linearised manoeuvres are made
+    once, which takes minutes, and shared by all seeds. An interrupted run keeps its newest policy;
+    the same command with --force begins the student anew.
     """
+    if start is not None and (rounds is not None or refine is not None):
+        raise BaselineError("--rounds and --refine are over for a student that --start names")
     dagger, refining, sensitivity, teachers = _modules()
     teaching = teachers.Teaching(scenarios=scenarios)
     given = {"manoeuvres": manoeuvres, "batch": batch}

@@ -328,7 +328,8 @@ def gradient(
     )
     policy = answers.feedback(sensing.slopes(flown.observations))
     starts = np.cumsum(flown.counts) - flown.counts
-    rest = at_rest(flown, intervals.ends)
+    decision = np.arange(len(flown.states)) - np.repeat(starts, flown.counts)
+    rest = decision >= np.repeat(intervals.ends, flown.counts)
     counted = np.stack([np.ones_like(rest), rest], axis=1).astype(np.float32)
     cost = found.cost.numpy()[:, :, None] * counted[:, None]
     worth = adjoint(flown.counts, found.onward.numpy(), cost, policy)
@@ -340,14 +341,6 @@ def gradient(
         each = np.repeat(over, flown.counts).astype(np.float32)[:, None]
         goals.append(Goal(mean, np.nan_to_num(worth[:, :, i] / each)))
     return goals[0], goals[1]
-
-
-def at_rest(flown: Flown, ends: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which decisions come after the slew; ``ends`` are the first ones, (manoeuvres,)."""
-    starts = np.cumsum(flown.counts) - flown.counts
-    decision = np.arange(len(flown.states)) - np.repeat(starts, flown.counts)
-    after: NDArray[np.bool_] = decision >= np.repeat(ends, flown.counts)
-    return after
 
 
 def refine(
