@@ -473,28 +473,6 @@ def test_interpreter_is_free_during_a_step() -> None:
     assert sum(begin < moment < end for moment in ticks) >= 3
 
 
-@pytest.mark.slow
-def test_throughput_per_lane_does_not_suffer_from_python() -> None:
-    """Infos and allocation together take less than a quarter of a step of 64 environments."""
-    env = drm_env.DrmVectorEnv(64, num_threads=1)
-    env.reset(seed=0)
-    actions = np.zeros((64, 2), np.float32)
-    buffers = env._allocate()
-
-    def best(work: Any) -> float:
-        times = []
-        for _ in range(20):
-            start = time.perf_counter()
-            for _ in range(10):
-                work()
-            times.append(time.perf_counter() - start)
-        return min(times)
-
-    whole = best(lambda: env.step(actions))
-    engine = best(lambda: env._engine.step(actions, *buffers))
-    assert whole < 1.25 * engine
-
-
 @pytest.mark.parametrize("plant", ["thesis", "consistent"])
 def test_coordinates_are_the_signals_of_the_manoeuvre(plant: str) -> None:
     options = {"plant": plant, "payload_mass": 300.0, "mass_error": 0.0, "angle_noise": 1e-3}
