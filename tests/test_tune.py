@@ -370,6 +370,13 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
             ["sac", "--package", "--hyperparameters", str(tuning.learner_file("sac"))],
             "must not be the file that --package overwrites",
         ),
+        (["linear", "--env", "drm_env/Slew-v0"], "--env means nothing for linear"),
+        (["ppo", "--env", "CartPole-v1"], "no environment 'CartPole-v1'; there are drm_env/Slew"),
+        (
+            ["ppo", "--env", "drm_env/SlewThesis-v0", "--package"],
+            "--package has learners for drm_env/SlewResidual-v0, drm_env/Slew-v0, got --env "
+            "drm_env/SlewThesis-v0",
+        ),
         (["linear", "--scenarios", "6"], "multiple of 4"),
         (["linear", "--suite", "thesis"], "lists its manoeuvres"),
     ],
@@ -387,7 +394,9 @@ def test_what_cannot_be_is_one_clear_line(
 def test_help_names_every_option() -> None:
     result = drm("tune", "--help")
     assert result.exit_code == 0
-    for option in ("--suite", "--scenarios", "--trials", "--steps", "--seed", "--out", "--package"):
+    for option in (
+        "--suite", "--scenarios", "--trials", "--steps", "--env", "--seed", "--out", "--package",
+    ):  # fmt: skip
         assert option in result.stdout
 
 
@@ -423,9 +432,10 @@ def test_toml_holds_whatever_settings_hold() -> None:
     assert hyperparameters.from_data(tomllib.loads(tuning.toml_of(settings))) == settings
 
 
+@pytest.mark.parametrize("environment", [tuning.ENV_ID, "drm_env/Slew-v0"])
 @pytest.mark.parametrize("algorithm", LEARNING)
 def test_packaging_settings_keeps_a_row_a_trial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, environment: str
 ) -> None:
     training = pytest.importorskip("drm_baselines.training")
     base = hyperparameters.load_hyperparameters(algorithm)
@@ -443,20 +453,28 @@ def test_packaging_settings_keeps_a_row_a_trial(
 
     monkeypatch.setattr(training, "train", train)
     monkeypatch.setattr(tuning, "__file__", str(tmp_path / "package" / "tuning.py"))
-    result = drm(
-        "tune", algorithm, "--steps", 10, "--trials", 4, "--out", tmp_path / "a", "--package"
-    )
+    given = [] if environment == tuning.ENV_ID else ["--env", environment]
+    name = f"{algorithm}_direct" if given else algorithm
+    monkeypatch.chdir(tmp_path)
+    result = drm("tune", algorithm, *given, "--steps", 10, "--trials", 4, "--package")
     assert result.exit_code == 0, result.output
+    assert [row["number"] for row in rows(tmp_path / "results" / "tune" / name)] == list("0123")
+    assert {asked.env_id for asked in flown} == {environment}
     assert flown[0].settings == base
     learners = tmp_path / "package" / "learners"
-    record = json.loads((learners / f"{algorithm}.search.json").read_text())
-    found = hyperparameters.load_hyperparameters(algorithm, learners / f"{algorithm}.toml")
+    assert sorted(file.name for file in learners.iterdir()) == [
+        f"{name}.search.json", f"{name}.toml",
+    ]  # fmt: skip
+    record = json.loads((learners / f"{name}.search.json").read_text())
+    found = hyperparameters.load_hyperparameters(algorithm, learners / f"{name}.toml")
     assert found == flown[2].settings == hyperparameters.from_data(record["settings"])
     assert record["trials"] == {"count": 4, "pruned": 1, "best": 2}
     assert record["objective"]["value"] == pytest.approx(2.0)
     assert record["objective"]["first"] == pytest.approx(3.0)
     assert record["search"]["seed"] == 0
-    assert record["command"] == f"drm tune {algorithm} --steps 10 --trials 4 --seed 0"
+    asked_for = " ".join(["drm tune", algorithm, *given])
+    assert record["command"] == f"{asked_for} --steps 10 --trials 4 --seed 0"
+    assert record["name"] == name
     values = [row["value"] for row in record["record"]]
     assert values == [pytest.approx(3.0), None, pytest.approx(2.0), 1e3 * tuning.LOST]
     assert record["record"][1]["reason"] == "come to NaN"

@@ -37,7 +37,7 @@ import drm_env
 from drm_baselines import hyperparameters, storage
 from drm_baselines.benchmark import regulator, suites
 from drm_baselines.errors import BaselineError, ExistingResultError
-from drm_baselines.evaluation import TRAINING_SEED
+from drm_baselines.evaluation import TRAINING_SEED, environment_config
 from drm_baselines.hyperparameters import Hyperparameters
 from drm_baselines.interruption import stop_on_signal
 from drm_baselines.metrics import describe
@@ -65,7 +65,11 @@ LOST = 10.0
 """Tip error (m) that a diverged manoeuvre counts with."""
 
 ENV_ID = "drm_env/SlewResidual-v0"
-"""Environment that settings of learning are searched in."""
+"""Environment that settings of learning are searched in, if no other is named."""
+
+LEARNER_SUFFIXES = {ENV_ID: "", "drm_env/Slew-v0": "_direct"}
+"""What the benchmark's learners are called after their algorithm, by environment: residuals and
+policies end to end."""
 
 CURVE_EPISODES = 100
 """Episodes behind the tip error of a trained policy."""
@@ -440,15 +444,23 @@ class LearningRequest:
     seed: int = 0
     base: Path | None = None
     """Settings that the search begins with and keeps elsewhere; none: the packaged ones."""
+    env_id: str = ENV_ID
 
     @property
     def command(self) -> str:
         """The command that makes the search anew."""
+        environment = "" if self.env_id == ENV_ID else f" --env {shlex.quote(self.env_id)}"
         base = "" if self.base is None else f" --hyperparameters {shlex.quote(str(self.base))}"
         return (
-            f"drm tune {self.algorithm} --steps {self.steps} --trials {self.trials} "
+            f"drm tune {self.algorithm}{environment} --steps {self.steps} --trials {self.trials} "
             f"--seed {self.seed}{base}"
         )
+
+    @property
+    def learner(self) -> str:
+        """Name of what is searched: the algorithm, with what its environment adds."""
+        other = f"_{self.env_id.rpartition('/')[2]}"
+        return self.algorithm + LEARNER_SUFFIXES.get(self.env_id, other)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -698,7 +710,8 @@ def tune_learning(
 ) -> Outcome:
     """Search the settings of a learning algorithm by short trainings, and write the best.
 
-    Parameters and errors are those of :func:`tune_law`; the extra ``learn`` is needed.
+    Parameters and errors are those of :func:`tune_law`; the extra ``learn`` is needed, and an
+    environment that drm-env does not have is a :class:`BaselineError` too.
     """
     space = LEARNING[check_target(request.algorithm, tuple(LEARNING))]
     try:
@@ -708,6 +721,7 @@ def tune_learning(
             f"training needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
         ) from error
     base = hyperparameters.load_hyperparameters(request.algorithm, request.base)
+    environment_config(request.env_id, base.env)
     show = progress or _silent
 
     class Watcher(training.SilentWatcher):
@@ -722,7 +736,7 @@ def tune_learning(
             settings = learning_settings(base, parameters)
             asked = training.TrainingRequest(
                 algorithm=request.algorithm,
-                env_id=ENV_ID,
+                env_id=request.env_id,
                 options={},
                 steps=request.steps,
                 seed=request.seed,
@@ -753,7 +767,7 @@ def tune_learning(
         directory=directory,
         settings={
             "algorithm": request.algorithm,
-            "environment": ENV_ID,
+            "environment": request.env_id,
             "steps": request.steps,
             "seed": request.seed,
             "episodes": CURVE_EPISODES,
@@ -767,13 +781,13 @@ def tune_learning(
             if dimension.name in known and dimension.holds(known[dimension.name])
         },
         seed=request.seed,
-        label=request.algorithm,
+        label=request.learner,
     )
     trials, found, interrupted = search.run(request.trials, judge, force=force, progress=show)
-    best = _best(trials, request.algorithm)
+    best = _best(trials, request.learner)
     settings = learning_settings(base, best.parameters)
     content = {
-        "name": request.algorithm,
+        "name": request.learner,
         "settings": settings.to_dict(),
         **_summary(trials, space, search.start),
         "budget": _budget(trials),
@@ -827,9 +841,30 @@ def package(outcome: Outcome) -> Path:
     return storage.write_text(learner_file(name), text, overwrite=True)
 
 
-def learner_file(algorithm: str) -> Path:
-    """Return the file of the benchmark's learner, which :func:`package` writes."""
-    return Path(__file__).parent / "learners" / f"{algorithm}.toml"
+def check_package(request: LearningRequest) -> None:
+    """Refuse a search whose result :func:`package` has no place for.
+
+    Raises
+    ------
+    BaselineError
+        An environment that the benchmark trains nobody in, or settings to begin with that the
+        result would overwrite.
+    """
+    if request.env_id not in LEARNER_SUFFIXES:
+        raise BaselineError(
+            f"--package has learners for {', '.join(LEARNER_SUFFIXES)}, got --env {request.env_id}"
+        )
+    base = request.base
+    if base is not None and base.resolve() == learner_file(request.learner).resolve():
+        raise BaselineError(
+            f"--hyperparameters must not be the file that --package overwrites, got "
+            f"{base}: the search could not be made again"
+        )
+
+
+def learner_file(name: str) -> Path:
+    """Return the file of a learner of the benchmark, which :func:`package` writes."""
+    return Path(__file__).parent / "learners" / f"{name}.toml"
 
 
 def load_gains(law: str) -> dict[str, Any]:

@@ -19,6 +19,8 @@ from drm_baselines.errors import BaselineError
 if TYPE_CHECKING:
     from drm_baselines.benchmark.tuning import Outcome
 
+_RESULTS = Path("results") / "tune"
+
 
 @contextlib.contextmanager
 def _trial_progress() -> Iterator[Callable[[str, int, int, str], None]]:
@@ -106,6 +108,14 @@ def tune(
             show_default=False,
         ),
     ] = None,
+    env_id: Annotated[
+        str | None,
+        typer.Option(
+            "--env",
+            help="Learning: environment; drm_env/SlewResidual-v0 by default.",
+            show_default=False,
+        ),
+    ] = None,
     hyperparameters: Annotated[
         Path | None,
         typer.Option(
@@ -118,7 +128,9 @@ def tune(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Directory of the search; results/tune/TARGET by default.", show_default=False
+            help="Directory of the search; results/tune/TARGET by default (TARGET_direct for "
+            "settings searched in drm_env/Slew-v0).",
+            show_default=False,
         ),
     ] = None,
     package: Annotated[
@@ -146,19 +158,12 @@ def tune(
     tuning.check_target(target)
     is_law = target in tuning.GAINS
     given = (
-        {"--steps": steps, "--hyperparameters": hyperparameters} if is_law
+        {"--steps": steps, "--env": env_id, "--hyperparameters": hyperparameters} if is_law
         else {"--suite": suite, "--scenarios": scenarios}
     )  # fmt: skip
     for name, value in given.items():
         if value is not None:
             raise BaselineError(f"{name} means nothing for {target}")
-    written = tuning.learner_file(target).resolve()
-    if package and hyperparameters is not None and hyperparameters.resolve() == written:
-        raise BaselineError(
-            f"--hyperparameters must not be the file that --package overwrites, got "
-            f"{hyperparameters}: the search could not be made again"
-        )
-    directory = out if out is not None else Path("results") / "tune" / target
     with _trial_progress() as progress:
         if is_law:
             request = tuning.LawRequest(
@@ -169,6 +174,7 @@ def tune(
                 seed=seed,
             )
             command = request.command
+            directory = out if out is not None else _RESULTS / target
             outcome = tuning.tune_law(directory, request, force=force, progress=progress)
         else:
             settings = tuning.LearningRequest(
@@ -177,8 +183,12 @@ def tune(
                 trials=trials if trials is not None else 20,
                 seed=seed,
                 base=hyperparameters,
+                env_id=env_id if env_id is not None else tuning.ENV_ID,
             )
+            if package:
+                tuning.check_package(settings)
             command = settings.command
+            directory = out if out is not None else _RESULTS / settings.learner
             outcome = tuning.tune_learning(directory, settings, force=force, progress=progress)
     count = outcome.content["trials"]["count"]
     if outcome.found:
