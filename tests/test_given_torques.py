@@ -182,6 +182,10 @@ GOOD = np.zeros((2, 3, 2))
         ({"torques": GOOD, "task": "slew"}, "task belongs to the task of a policy"),
         ({"torques": GOOD, "config": {}}, "config belongs to the task of a policy"),
         ({"torques": GOOD, "horizon": 3.0}, "horizon belongs to the task of a policy"),
+        ({"torques": [[[1.0, 2.0]], [[1.0]]]}, "torques must be an array of numbers"),
+        ({"torques": [[["a", "b"]]] * 2}, "torques must be an array of numbers"),
+        ({"hold": 5}, "hold belongs to torques, got 5 without torques"),
+        ({"law": "linear", "hold": "5"}, "hold belongs to torques, got '5' without torques"),
     ],
 )
 def test_torques_that_are_refused(options: dict[str, Any], match: str) -> None:

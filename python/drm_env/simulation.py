@@ -206,11 +206,14 @@ def _schedule(torques: Any, hold: Any, scenarios: int) -> tuple[NDArray[np.float
     Raises
     ------
     ConfigError
-        another shape, or a hold that is no positive integer.
+        another shape, no numbers, or a hold that is no positive integer.
     """
     if isinstance(hold, bool) or not isinstance(hold, int) or hold < 1:
         raise ConfigError(f"hold must be a positive integer, got {hold!r}")
-    array = np.ascontiguousarray(torques, dtype=np.float64)
+    try:
+        array = np.ascontiguousarray(torques, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"torques must be an array of numbers: {error}") from error
     if array.ndim != 3 or array.shape[0] != scenarios or array.shape[2] != 2:
         raise ConfigError(f"torques must have shape ({scenarios}, rows, 2), got {array.shape}")
     return array, hold
@@ -330,6 +333,8 @@ def rollout(
         if isinstance(signals, (str, bytes)) or not all(isinstance(item, str) for item in signals):
             raise ConfigError(f"signals must be a sequence of names, got {signals!r}")
         signals = list(signals)
+    if torques is None and hold != 1:
+        raise ConfigError(f"hold belongs to torques, got {hold!r} without torques")
     schedule = None if torques is None else _schedule(torques, hold, len(scenarios))
     pilot = _pilot(law, policy, schedule, task, config, options)
     texts = [scenario_json(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
