@@ -7,7 +7,7 @@ set -euo pipefail
 
 runs=${1:-results/benchmark/runs}
 shift || true
-methods=${*:-dagger ppo sac ppo_direct}
+methods=${*:-dagger ppo sac ppo_direct sac_direct}
 settings=baselines/drm_baselines/benchmark/learners
 shipped=baselines/drm_baselines/learned
 export OMP_NUM_THREADS=1
@@ -23,6 +23,8 @@ one() {
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
       --env drm_env/Slew-v0 --steps 1500000 --seed "$seed" --out "$out" --force ;;
+    sac_direct) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac_direct.toml" \
+      --env drm_env/Slew-v0 --steps 250000 --seed "$seed" --out "$out" --force ;;
     *) echo "no method $method" >&2; exit 2 ;;
   esac
   mkdir -p "$shipped/$method/seed_$seed"
