@@ -483,6 +483,26 @@ def test_packaging_settings_keeps_a_row_a_trial(
         assert row["seconds"] >= 0.0
 
 
+@pytest.mark.parametrize("name", ["ppo", "sac", "ppo_direct", "sac_direct"])
+def test_learners_of_the_benchmark_are_what_their_search_found(name: str) -> None:
+    file = tuning.learner_file(name)
+    record = json.loads(file.with_name(f"{name}.search.json").read_text())
+    algorithm = name.removesuffix("_direct")
+    settings = hyperparameters.load_hyperparameters(algorithm, file)
+    assert hyperparameters.from_data(record["settings"]) == settings
+    assert record["name"] == name
+    start = file.with_name(f"{name}.start.toml")
+    assert record["command"].endswith(f"{start.parent.name}/{start.name}")
+    assert record["command"].startswith(f"drm tune {algorithm} ")
+    assert ("--env drm_env/Slew-v0" in record["command"]) == (name != algorithm)
+    values = [row["value"] for row in record["record"]]
+    assert record["objective"]["value"] == min(value for value in values if value is not None)
+    began = hyperparameters.load_hyperparameters(algorithm, start)
+    assert settings == tuning.learning_settings(began, record["parameters"])
+    first = tuning.learning_parameters(began)
+    assert record["record"][0]["parameters"] == pytest.approx(first)
+
+
 @pytest.mark.slow
 def test_settings_of_learning_are_searched(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")

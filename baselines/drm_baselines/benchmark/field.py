@@ -178,6 +178,7 @@ LEARNERS = {
     "ppo": ("PPO, residual on the linear law", "reported"),
     "sac": ("SAC, residual on the linear law", "reported"),
     "ppo_direct": ("PPO end to end", "reported"),
+    "sac_direct": ("SAC end to end", "reported"),
 }
 """Learning methods: key, title, what they are told of the payload."""
 

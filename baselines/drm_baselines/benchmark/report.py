@@ -670,7 +670,7 @@ def plot_curves(
     sides = ((0, 1e-6, "simulated steps (millions)"), (1, 1.0 / 60.0, "wall time (min)"))
     for axis, (column, factor, label) in zip(axes, sides, strict=True):
         axis.set_yscale("log")
-        learned = ("#D55E00", "#CC79A7", "#E69F00", "#009E73")
+        learned = ("#D55E00", "#CC79A7", "#E69F00", "#009E73", "#7B3294")
         for number, (name, runs) in enumerate(drawn.items()):
             colour = learned[number % len(learned)]
             for run in runs:
