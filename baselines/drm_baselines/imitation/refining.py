@@ -55,7 +55,8 @@ class Refinement:
     Attributes
     ----------
     manoeuvres
-        How many there are to be drawn from, a quarter a stratum.
+        How many there are to be drawn from, a quarter a stratum. With too few they are learned by
+        heart.
     steps
         Of the optimiser (Adam; warmed up, then down a cosine).
     batch
@@ -81,7 +82,7 @@ class Refinement:
         all decisions, in multiples of the wheels' limits.
     """
 
-    manoeuvres: int = 1200
+    manoeuvres: int = 4800
     steps: int = 500
     batch: int = 64
     learning_rate: float = 5.0e-4
