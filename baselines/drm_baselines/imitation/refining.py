@@ -55,8 +55,7 @@ class Refinement:
     Attributes
     ----------
     manoeuvres
-        How many there are to be drawn from, a quarter a stratum. With too few they are learned by
-        heart.
+        How many there are to be drawn from, a quarter a stratum.
     steps
         Of the optimiser (Adam; warmed up, then down a cosine).
     batch
@@ -82,7 +81,7 @@ class Refinement:
         all decisions, in multiples of the wheels' limits.
     """
 
-    manoeuvres: int = 4800
+    manoeuvres: int = 1200
     steps: int = 500
     batch: int = 64
     learning_rate: float = 5.0e-4

@@ -150,11 +150,8 @@ def prepare(
                 found.append(one)
                 if progress is not None:
                     progress(len(found), manoeuvres)
-    # one kind after the other, the parts let go: gigabytes are not held twice
-    parts = [vars(one) for one in found]
-    del found
     joined = {
-        name: np.concatenate([part.pop(name) for part in parts]) for name in (*_EACH, *_ARRAYS)
+        name: np.concatenate([getattr(one, name) for one in found]) for name in (*_EACH, *_ARRAYS)
     }
     storage.save_arrays(path, joined, digest)
     return Intervals(**joined)
