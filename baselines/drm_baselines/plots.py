@@ -37,7 +37,8 @@ def _style(index: int) -> dict[str, Any]:
     }
 
 
-def _save(figure: Figure, path: Path, *, overwrite: bool) -> Path:
+def save_figure(figure: Figure, path: Path, *, overwrite: bool) -> Path:
+    """Write a figure under a temporary name, rename it, close the figure; return ``path``."""
     try:
         with storage.atomic_path(path, overwrite=overwrite) as temporary:
             figure.savefig(temporary, dpi=130)
@@ -82,7 +83,7 @@ def plot_manoeuvres(
     axes[0].legend(fontsize="small", ncols=2)
     axes[-1].set_xlabel("time (s)")
     figure.suptitle(title)
-    return _save(figure, path, overwrite=overwrite)
+    return save_figure(figure, path, overwrite=overwrite)
 
 
 def plot_comparison(
@@ -131,7 +132,7 @@ def plot_comparison(
     axes[0, 0].set_yticks(places, [flight.label for flight in flights])
     axes[0, 0].set_ylim(-0.6, len(flights) - 0.4)
     figure.suptitle(f"{title}\ninterquartile mean and 95 % interval, {len(flights[0])} episodes")
-    return _save(figure, path, overwrite=overwrite)
+    return save_figure(figure, path, overwrite=overwrite)
 
 
 def plot_distribution(
@@ -157,7 +158,7 @@ def plot_distribution(
     axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize="small")
     axis.set_title(title)
-    return _save(figure, path, overwrite=overwrite)
+    return save_figure(figure, path, overwrite=overwrite)
 
 
 def plot_learning_curve(
@@ -210,4 +211,4 @@ def plot_learning_curve(
     axes[0].set_ylabel(f"{shown.label} ({shown.unit})")
     axes[0].legend(fontsize="small")
     figure.suptitle(title)
-    return _save(figure, path, overwrite=overwrite)
+    return save_figure(figure, path, overwrite=overwrite)

@@ -16,7 +16,7 @@ from rich.table import Table
 from drm_baselines import storage
 from drm_baselines.bench.measure import Spread
 from drm_baselines.bench.results import Bench, Row, Section, cores
-from drm_baselines.errors import BaselineError
+from drm_baselines.markers import marked_range
 
 _CPU_INFO = Path("/proc/cpuinfo")
 
@@ -138,25 +138,9 @@ def markdown_block(section: Section, bench: Bench) -> str:
     return "\n".join((marker(section.name, "begin"), *lines, marker(section.name, "end")))
 
 
-def marked_range(text: str, name: str) -> tuple[int, int] | None:
-    """Return where a section begins and ends in a Markdown text, ``None`` if it has no markers.
-
-    Raises
-    ------
-    BaselineError
-        A marker without its partner, twice, or in the wrong order.
-    """
+def _place(text: str, name: str) -> tuple[int, int] | None:
     begin, end = (marker(name, edge) for edge in ("begin", "end"))
-    counts = text.count(begin), text.count(end)
-    if counts == (0, 0):
-        return None
-    start, stop = text.find(begin), text.find(end)
-    if counts != (1, 1) or stop < start:
-        raise BaselineError(
-            f"markers of section {name}: expected {begin!r} and then {end!r} once each, "
-            f"found {counts[0]} and {counts[1]}"
-        )
-    return start, stop + len(end)
+    return marked_range(text, begin, end, where=f"markers of section {name}")
 
 
 def with_sections(text: str, sections: Sequence[Section], bench: Bench) -> str:
@@ -172,7 +156,7 @@ def with_sections(text: str, sections: Sequence[Section], bench: Bench) -> str:
     """
     for section in sections:
         block = markdown_block(section, bench)
-        place = marked_range(text, section.name)
+        place = _place(text, section.name)
         if place is None:
             above = text.rstrip("\n")
             text = (f"{above}\n\n" if above else "") + f"## {section.title}\n\n{block}\n"
@@ -192,7 +176,7 @@ def check_markdown(path: Path, names: Sequence[str]) -> None:
     if path.exists():
         text = path.read_text(encoding="utf-8")
         for name in names:
-            marked_range(text, name)
+            _place(text, name)
 
 
 def update_markdown(path: Path, sections: Sequence[Section], bench: Bench) -> Path:

@@ -44,8 +44,9 @@ from drm_baselines.benchmark.estimates import (
 from drm_baselines.benchmark.results import Record, SuiteResult
 from drm_baselines.benchmark.suites import SUITES
 from drm_baselines.errors import BaselineError
+from drm_baselines.markers import marked_range
 from drm_baselines.metrics import HEADLINE, describe
-from drm_baselines.plots import _save
+from drm_baselines.plots import save_figure
 from drm_baselines.statistics import interquartile_mean
 
 FORMAT = "drm-benchmark"
@@ -539,7 +540,7 @@ def plot_suite(result: SuiteResult, path: Path, *, overwrite: bool = False) -> P
     axis.grid(alpha=0.3, which="both", axis="x")
     axis.set_title(_label(result), fontsize="medium")
     _log(axis.xaxis)
-    return _save(fig, path, overwrite=overwrite)
+    return save_figure(fig, path, overwrite=overwrite)
 
 
 def plot_profiles(result: SuiteResult, path: Path, *, overwrite: bool = False) -> Path:
@@ -566,7 +567,7 @@ def plot_profiles(result: SuiteResult, path: Path, *, overwrite: bool = False) -
     axis.set_title(_label(result), fontsize="medium")
     _log(axis.xaxis)
     fig.legend(loc="outside right upper", fontsize="small")
-    return _save(fig, path, overwrite=overwrite)
+    return save_figure(fig, path, overwrite=overwrite)
 
 
 def plot_degradation(
@@ -609,7 +610,7 @@ def plot_degradation(
     axis.grid(alpha=0.3, which="both", axis="y")
     _log(axis.yaxis)
     fig.legend(loc="outside right upper", fontsize="small")
-    return _save(fig, path, overwrite=overwrite)
+    return save_figure(fig, path, overwrite=overwrite)
 
 
 def _between_seeds(
@@ -709,7 +710,7 @@ def plot_curves(
     handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside right upper", fontsize="small")
     fig.suptitle(title)
-    return _save(fig, path, overwrite=overwrite)
+    return save_figure(fig, path, overwrite=overwrite)
 
 
 # --- page and Markdown files ----------------------------------------------------------------------
@@ -798,13 +799,9 @@ def inject(path: Path, name: str, text: str) -> Path:
         old = path.read_text(encoding="utf-8")
     except OSError as error:
         raise BaselineError(f"{path} cannot be read: {error}") from error
-    start, stop = old.find(begin), old.find(end)
-    if (old.count(begin), old.count(end)) != (1, 1) or stop < start:
-        raise BaselineError(
-            f"{path}: expected {begin!r} and then {end!r} once each, found "
-            f"{old.count(begin)} and {old.count(end)}"
-            + (" in the wrong order" if 0 <= stop < start else "")
-        )
+    place = marked_range(old, begin, end, where=str(path))
+    if place is None:
+        raise BaselineError(f"{path}: expected {begin!r} and then {end!r}, found neither")
     body = text.strip("\n")
-    new = f"{old[:start]}{begin}\n{body}\n{old[stop:]}"
+    new = f"{old[: place[0]]}{begin}\n{body}\n{end}{old[place[1] :]}"
     return storage.write_text(path, new, overwrite=True)
