@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -88,10 +89,12 @@ def benchmark(
     everybody = field.chosen(field.competitors(learned), policy)
     results = []
     for name in dict.fromkeys(names):
+        begun = time.monotonic()
         with flight_progress() as progress:
             shown = functools.partial(_show, progress, name)
             result = run.fly_suite(name, everybody, out, again=again, progress=shown, told=_say)
         results.append(result)
+        console.print(f"{name}: flights took {time.monotonic() - begun:.0f} s", highlight=False)
         console.print(report.terminal_table(result))
         for text, met in run.targets_of(result):
             console.print(f"{'met   ' if met else 'missed'} {text}", highlight=False)
