@@ -17,7 +17,7 @@ use crate::plant::thesis::Constants;
 use crate::rng::Seed;
 use crate::scenario::Scenario;
 use crate::timeline::Piece;
-use crate::vector::{Vector, Work};
+use crate::vector::{Vector, Work, variants};
 
 /// Time of the kernel and what it ended at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,8 +107,11 @@ impl<T: Vector> Manoeuvre<T> {
 
 struct Slew<'a, T>(&'a mut Manoeuvre<T>);
 
+variants!(slew);
+
 impl<T: Vector> Work for Slew<'_, T> {
     type Output = usize;
+    type Variants = slew::Here;
 
     #[inline(always)]
     fn run(self) -> usize {

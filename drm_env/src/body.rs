@@ -18,7 +18,7 @@ use crate::plant::thesis::Constants;
 use crate::plant::{Extension, PlantModel, RigidInertia, Torques};
 use crate::scenario::Scenario;
 use crate::timeline::Piece;
-use crate::vector::Work;
+use crate::vector::{Work, variants};
 
 /// Equations of motion, a manoeuvre a lane.
 #[derive(Debug, Clone)]
@@ -401,9 +401,12 @@ impl<T: Number> Implicit<'_, T> {
     }
 }
 
+variants!(implicit_steps);
+
 impl<T: Number> Work for Implicit<'_, T> {
     /// Slew, root and tip torque at the beginning.
     type Output = [T; 3];
+    type Variants = implicit_steps::Here;
 
     #[inline(always)]
     fn run(self) -> [T; 3] {

@@ -16,7 +16,7 @@ use crate::task::{
     RewardScale, RewardSums, charge_for_rest, frame_size, lost, observation_size, observe,
     told_payload,
 };
-use crate::vector::{Vector, Work};
+use crate::vector::{Vector, Work, variants};
 use crate::witness::{Watched, Witness};
 
 /// Where an environment is in its life.
@@ -406,8 +406,11 @@ struct Step<'a, 'b, T: Number> {
     witness: Option<&'a mut (dyn Witness<T> + 'b)>,
 }
 
+variants!(step);
+
 impl<T: Vector> Work for Step<'_, '_, T> {
     type Output = Outcomes<T>;
+    type Variants = step::Here;
 
     #[inline(always)]
     fn run(self) -> Outcomes<T> {

@@ -20,7 +20,7 @@ use crate::plant::{Extension, RigidInertia};
 use crate::rng::Stream;
 use crate::scenario::Scenario;
 use crate::timeline::{Piece, Reference, SAME_INSTANT, Timeline};
-use crate::vector::{Vector, Work};
+use crate::vector::{Vector, Work, variants};
 
 pub use crate::plan::Plan;
 
@@ -867,8 +867,11 @@ struct General<'a, 'b, T: Number> {
     carried: &'a mut Carried<T>,
 }
 
+variants!(general);
+
 impl<T: Number> Work for General<'_, '_, T> {
     type Output = crate::plant::Torques<T>;
+    type Variants = general::Here;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
@@ -914,8 +917,11 @@ pub(crate) struct Fly<'a, T: Number, P> {
     pub(crate) pilot: &'a mut P,
 }
 
+variants!(fly);
+
 impl<T: Vector, P: Pilot<T>> Work for Fly<'_, T, P> {
     type Output = ();
+    type Variants = fly::Here;
 
     #[inline(always)]
     fn run(self) {

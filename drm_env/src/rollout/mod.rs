@@ -116,7 +116,18 @@ pub fn fly(
     controller: Controller<'_>,
     seeds: &[Seed],
     options: &Options,
-    progress: impl FnMut(usize) -> bool,
+    mut progress: impl FnMut(usize) -> bool,
+) -> Result<Flown, Error> {
+    fly_watched(scenarios, controller, seeds, options, &mut progress)
+}
+
+/// [`fly`], once for every type of `progress`: or each crate that calls it would compile it anew.
+fn fly_watched(
+    scenarios: &[Scenario],
+    controller: Controller<'_>,
+    seeds: &[Seed],
+    options: &Options,
+    progress: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Flown, Error> {
     let controller = ready(scenarios, controller)?;
     if seeds.len() != scenarios.len() {
@@ -188,7 +199,7 @@ fn collect(
     finished: &std::sync::mpsc::Receiver<queue::Report>,
     stop: &AtomicBool,
     flown: &mut Flown,
-    mut progress: impl FnMut(usize) -> bool,
+    progress: &mut dyn FnMut(usize) -> bool,
 ) -> Option<Error> {
     let mut failure = None;
     let mut count = 0;

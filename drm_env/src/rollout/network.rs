@@ -10,7 +10,7 @@ use crate::flight::{Flight, everyone, lanes_of};
 use crate::network::{Network, Scratch};
 use crate::scenario::Scenario;
 use crate::task::told_payload;
-use crate::vector::{Vector, Work};
+use crate::vector::{Vector, Work, variants};
 use crate::witness::Witness;
 
 use super::queue::{Ended, Queue};
@@ -248,8 +248,11 @@ struct Act<'a, T> {
     outputs: &'a mut [T],
 }
 
+variants!(act);
+
 impl<T: Vector> Work for Act<'_, T> {
     type Output = Result<(), SimulationError>;
+    type Variants = act::Here;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
