@@ -185,10 +185,16 @@ def test_compare_prints_units() -> None:
     assert "open loop minus linear law" in text
 
 
+def test_compare_knows_every_policy_by_the_name_and_title_of_the_benchmark() -> None:
+    text = succeed("compare", "lqr", "learned", "--episodes", 2, "--json")
+    labels = [policy["label"] for policy in json.loads(text)["policies"]]
+    assert labels == ["LQR, scheduled and tuned", "imitation and gradient, residual, seed 0"]
+
+
 def test_unknown_policies_and_environments_are_named() -> None:
-    message = refuse("compare", "lqr")
-    assert "'lqr'" in message
-    assert "none, linear, lyapunov" in message
+    message = refuse("compare", "lqq")
+    assert "'lqq'" in message
+    assert "none, linear, lyapunov, linear_tuned, lyapunov_tuned, lqr, learned" in message
     assert "drm_env/Slew-v0" in refuse("compare", "--env", "Slew-v0")
     assert "payload_mas" in refuse("compare", "--set", "payload_mas=3")
     assert "KEY=VALUE" in refuse("compare", "--set", "payload_mass")

@@ -11,7 +11,13 @@ The ``drm`` command does the same from a terminal: ``drm --help``.
 
 from __future__ import annotations
 
-from drm_baselines.errors import BaselineError, ExistingResultError, PolicyError, RunError
+from drm_baselines.errors import (
+    BaselineError,
+    ExistingResultError,
+    PolicyError,
+    PolicyWarning,
+    RunError,
+)
 from drm_baselines.policies import LAW_PERIOD, LAWS, LawPolicy, load_policy, make_policy
 
 __version__ = "0.1.0"
@@ -23,6 +29,7 @@ __all__ = [
     "ExistingResultError",
     "LawPolicy",
     "PolicyError",
+    "PolicyWarning",
     "RunError",
     "__version__",
     "load_policy",

@@ -21,7 +21,6 @@ from drm_baselines import storage
 from drm_baselines.errors import BaselineError, PolicyError
 from drm_baselines.evaluation import (
     Progress,
-    check_fit,
     config_data,
     environment_config,
     fly_law,
@@ -29,7 +28,18 @@ from drm_baselines.evaluation import (
     scenarios_of,
 )
 from drm_baselines.network import NetworkPolicy, load_policy
-from drm_baselines.policies import LAWS, Policy, law_data, law_name, make_policy
+from drm_baselines.policies import (
+    LAWS,
+    LEARNED,
+    TUNED,
+    LawPolicy,
+    Policy,
+    law_data,
+    law_name,
+    make_policy,
+    shipped_policy,
+)
+from drm_baselines.policy_names import title_of
 from drm_baselines.records import Episodes, comparison, write_records
 
 FORMAT = "drm-comparison"
@@ -120,6 +130,8 @@ def fly_trajectory(
     """Fly one episode and return the true signals at each decision, SI, by name."""
     env = gym.make(env_id, config=config)
     try:
+        if isinstance(policy, LawPolicy):
+            policy = policy.acting_in(env)
         observation, _ = env.reset(seed=seed)
         inner: Any = env.unwrapped
         rows = [inner.signals()]
@@ -137,9 +149,8 @@ def fly_trajectory(
 
 
 def contestant_of_law(name: str, **parameters: Any) -> Contestant:
-    """Return a control law, flown by the engine every 2 ms."""
-    labels = {"none": "open loop", "linear": "linear law", "lyapunov": "Lyapunov law"}
-    return Contestant(label=labels.get(name, name), law=law_data(name, **parameters))
+    """Return a control law, with the thesis' or tuned gains, flown by the engine every 2 ms."""
+    return Contestant(label=title_of(name), law=law_data(name, **parameters))
 
 
 def contestant_of_inner_law(arena: Arena, config: drm_env.EnvConfig, env_id: str) -> Contestant:
@@ -167,7 +178,7 @@ def contestant_of_run(arena: Arena, directory: Path, label: str | None = None) -
     """
     policy = load_policy(directory)
     config = _same_episodes(arena, policy.env_id, policy.config)
-    check_fit(policy, config)
+    policy.check_task(config)
     return Contestant(
         label=label or f"learned ({directory.name})",
         policy=policy,
@@ -205,21 +216,23 @@ def _same_episodes(arena: Arena, env_id: str, config: Mapping[str, Any]) -> drm_
 
 
 def contestant_named(arena: Arena, text: str) -> Contestant:
-    """Return the law or the run directory that ``text`` names.
+    """Return the law, the shipped policy ``"learned"`` or the run directory that ``text`` names.
 
     Raises
     ------
     PolicyError
-        Neither a law nor a directory; the message lists what exists.
+        None of these; the message lists what exists.
     """
-    if text in LAWS:
+    if text in LAWS or text in TUNED:
         return contestant_of_law(text)
+    if text == LEARNED:
+        return contestant_of_run(arena, shipped_policy(), label=f"{title_of('dagger')}, seed 0")
     path = Path(text)
     if path.is_dir():
         return contestant_of_run(arena, path)
     raise PolicyError(
-        f"no policy {text!r}: it is neither one of {', '.join(LAWS)} nor the directory of a "
-        "training run"
+        f"no policy {text!r}: it is neither one of {', '.join((*LAWS, *TUNED, LEARNED))} nor the "
+        "directory of a training run"
     )
 
 

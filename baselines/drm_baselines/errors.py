@@ -16,6 +16,10 @@ class PolicyError(BaselineError):
     """No such policy, or a policy that cannot act on the given environment."""
 
 
+class PolicyWarning(UserWarning):
+    """A policy that flies, but otherwise than it was made for."""
+
+
 class RunError(BaselineError):
     """A training run directory that is missing, damaged or does not fit the request."""
 

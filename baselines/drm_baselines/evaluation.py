@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines.errors import BaselineError, PolicyError
+from drm_baselines.compatibility import check_period
+from drm_baselines.errors import BaselineError
 from drm_baselines.network import NetworkPolicy
-from drm_baselines.policies import Policy
+from drm_baselines.policies import LAW_PERIOD, LawPolicy, Policy
 from drm_baselines.records import Episodes
 
 Progress = Callable[[int, int], None]
@@ -152,9 +153,17 @@ def fly_law(
         Name in tables; the law's by default.
     progress
         Called with (done, total).
+
+    Warns
+    -----
+    PolicyWarning
+        Another sample period than the one that the laws' gains belong to.
     """
     seeds = episode_seeds(seed, episodes)
     scenarios = scenarios_of(env_id, config, seed, episodes)
+    if law["name"] != "none":
+        period = float(config.scenario.sample_period)
+        check_period(label or str(law["name"]), LAW_PERIOD, period)
     metrics = drm_env.rollout(scenarios, law=dict(law), progress=progress)
     return Episodes(
         label=label or str(law["name"]),
@@ -169,28 +178,6 @@ def fly_law(
         context=_context(scenarios),
         details={"law": dict(law)},
     )
-
-
-def check_fit(policy: NetworkPolicy, config: drm_env.EnvConfig) -> None:
-    """Refuse an environment whose observation is not what the policy was trained on.
-
-    Raises
-    ------
-    PolicyError
-        Another observation layout, number of actuators or inner law.
-    """
-    layout = [list(entry) for entry in drm_env.observation_layout(config=config)]
-    if layout != [list(entry) for entry in policy.description["observation_layout"]]:
-        raise PolicyError(
-            f"the observation of this environment ({len(layout)} entries) is not the one the "
-            f"policy was trained on in {policy.env_id} ({policy.network.inputs} entries)"
-        )
-    actuators = list(config.task.actuators)
-    if len(actuators) != policy.network.outputs:
-        raise PolicyError(
-            f"the environment has {len(actuators)} actuators, the policy drives "
-            f"{policy.network.outputs}"
-        )
 
 
 def fly_policy(
@@ -222,9 +209,24 @@ def fly_policy(
         What identifies the policy, for the records.
     progress
         Called with (finished, total) episodes.
+
+    Raises
+    ------
+    PolicyError
+        The policy does not fit the environment.
+
+    Warns
+    -----
+    PolicyWarning
+        The environment asks at another period than the policy's own.
     """
     seeds = episode_seeds(seed, episodes)
     scenarios = scenarios_of(env_id, config, seed, episodes)
+    if isinstance(policy, NetworkPolicy):
+        policy.check_task(config)
+    own = getattr(policy, "control_period", None)
+    if own is not None and getattr(policy, "name", None) != "none":
+        check_period(label, float(own), float(config.task.control_period))
     # a subclass may decide otherwise than its network
     if type(policy) is NetworkPolicy:
         metrics: dict[str, NDArray[np.float64]] = drm_env.rollout(
@@ -258,6 +260,8 @@ def _fly_chunk(
 ) -> dict[str, NDArray[np.float64]]:
     env = gym.make_vec(env_id, num_envs=count, config=config)
     try:
+        if isinstance(policy, LawPolicy):
+            policy = policy.acting_in(env)
         observations, _ = env.reset(seed=seed)
         starts = np.ones(count, dtype=np.bool_)
         finished = np.zeros(count, dtype=np.bool_)

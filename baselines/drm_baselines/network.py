@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import drm_env
 from drm_baselines import storage
+from drm_baselines.compatibility import ObservationCheck, check_trained_task
 from drm_baselines.errors import PolicyError, RunError
 
 WEIGHTS_FILE = "policy.safetensors"
@@ -148,7 +149,8 @@ class NetworkPolicy:
     """A trained network behind the ``predict`` call of Stable-Baselines3.
 
     ``control_period`` is the time between two decisions it was trained with, in s; ``env_id``
-    and ``config`` are the environment it was trained in.
+    and ``config`` are the environment it was trained in. Observations that this environment cannot
+    have given are refused unless ``check_observations`` is set to ``False``.
     """
 
     def __init__(self, network: Perceptron, description: Mapping[str, Any]) -> None:
@@ -158,6 +160,19 @@ class NetworkPolicy:
         self.env_id = str(description["env_id"])
         self.config: dict[str, Any] = dict(description["config"])
         self.name = "learned"
+        self.check_observations = True
+        self._check = ObservationCheck(description["observation_layout"])
+
+    def check_task(self, config: drm_env.EnvConfig) -> None:
+        """Refuse an environment whose observations or actions are not those of the training.
+
+        Raises
+        ------
+        PolicyError
+            Another observation layout, other actuators, inner law or ``wheel_scale``.
+        """
+        layout = self.description["observation_layout"]
+        check_trained_task(self.env_id, self.config, layout, config)
 
     def predict(
         self,
@@ -173,7 +188,8 @@ class NetworkPolicy:
         Raises
         ------
         PolicyError
-            Wrong observation size, or a random action was asked for (exported
+            Wrong observation size, values beyond their bounds, entries that contradict each other
+            (a scaled or normalised observation), or a random action was asked for (exported
             policies carry no exploration noise).
         """
         if not deterministic:
@@ -186,7 +202,10 @@ class NetworkPolicy:
                 f"observation has shape {array.shape}, but the policy was trained "
                 f"on {self.network.inputs} entries"
             )
-        actions = self.network(np.atleast_2d(array))
+        batch = np.atleast_2d(array)
+        if self.check_observations:
+            self._check(batch)
+        actions = self.network(batch)
         return (actions[0] if array.ndim == 1 else actions), state
 
 

@@ -3,7 +3,8 @@
 A law flown through a policy is the engine's own law (``drm_env.ControlLaw``), fed with what an
 agent sees, so that the two are compared on the same footing and there is one implementation of
 each law. The thesis' gains belong to a sampling period of 2 ms: a policy states the period it
-was made for in ``control_period`` and the evaluator builds the environment with it.
+was made for in ``control_period``, and whoever asks it at another is warned. What a policy is given
+is checked in :mod:`drm_baselines.compatibility`.
 """
 
 from __future__ import annotations
@@ -17,13 +18,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import drm_env
+from drm_baselines.compatibility import (
+    Contexts,
+    ObservationCheck,
+    check_environment,
+    check_period,
+    config_of,
+    decision_period,
+)
 from drm_baselines.errors import PolicyError
 from drm_baselines.network import NetworkPolicy, load_policy
 
 LAWS = ("none", "linear", "lyapunov")
 """Control laws by name: open loop, linear and Lyapunov-based feedback."""
 
-TUNED = {"lqr": "lqr", "linear_tuned": "linear", "lyapunov_tuned": "lyapunov"}
+TUNED = {"linear_tuned": "linear", "lyapunov_tuned": "lyapunov", "lqr": "lqr"}
 """Policies whose gains come from ``drm tune``, by name, and the name of their gains."""
 
 LEARNED = "learned"
@@ -50,53 +59,58 @@ class Policy(Protocol):
         """Return actions in [-1, 1] and the policy's state."""
 
 
-def config_of(env: Any) -> drm_env.EnvConfig:
-    """Return the configuration of a single, vector or Stable-Baselines3 environment.
+_LIMITS = ("root_torque_limit", "tip_torque_limit")
 
-    Raises
-    ------
-    PolicyError
-        The environment is not one of drm-env's.
-    """
-    inner = getattr(env, "unwrapped", env)
-    config = getattr(inner, "config", None)
-    if config is None and hasattr(env, "get_attr"):
-        try:
-            config = env.get_attr("config")[0]
-        except (AttributeError, IndexError):
-            config = None
-    if not isinstance(config, drm_env.EnvConfig):
-        raise PolicyError(f"{env!r} is not an environment of drm-env: it has no EnvConfig")
-    return config
+_ARM = ("link1_length", "link2_mass_per_length", "payload_inertia")
+"""What the Lyapunov law knows of the arm, by the flat names of the scenario's parameters."""
+
+_INERTIAS = ("full", "slender")  # by their number in the context
+
+_MOST_ARMS = 256
 
 
 class LawPolicy:
     """A control law of the engine, acting on observations.
 
-    ``control_period`` is the sampling period that the law was made for, in s.
+    ``control_period`` is the sampling period that the law was made for, in s. Observations that the
+    environment cannot have given are refused unless ``check_observations`` is set to ``False``.
 
     Parameters
     ----------
     law
         The law with its parameters, as data: ``{"name": "linear", ...}``.
     config
-        The environment it acts in: layout, torque limits and inner law are read from it.
+        The environment it acts in: layout, inner law and meaning of an action are read from it.
+    env
+        The environment itself, single, vector or Stable-Baselines3. Torque limits and arm are
+        then those of the episodes that it is flying, whatever is drawn, or fixed at a reset; the
+        policy must not be flown in another one (see :meth:`acting_in`).
 
     Raises
     ------
     PolicyError
-        The law cannot act there: hidden payload, missing measurement, a second law underneath.
+        The law cannot act there: hidden payload, missing measurement, a second law underneath, a
+        wrapper that changes observations or actions; or without ``env``, a torque limit or an arm
+        that is drawn for each episode.
     """
 
-    def __init__(self, law: Mapping[str, Any], config: drm_env.EnvConfig) -> None:
+    def __init__(self, law: Mapping[str, Any], config: drm_env.EnvConfig, env: Any = None) -> None:
         self.control_period = LAW_PERIOD
         self.law = dict(law)
         self.name = str(law["name"])
         self.config = config
+        self.check_observations = True
         task = config.task
-        self._size = len(drm_env.observation_layout(config=config))
+        layout = drm_env.observation_layout(config=config)
+        self._size = len(layout)
+        self._check = ObservationCheck(layout)
         self._actuators = [str(getattr(name, "value", name)) for name in task.actuators]
         self._law = drm_env.ControlLaw(self.law, config=config)
+        self._arms: dict[tuple[float, ...], drm_env.ControlLaw] = {}
+        self._contexts = None
+        self._needs = _LIMITS + (_ARM if self.name == "lyapunov" else ())
+        if env is not None:
+            check_environment(env, config)
         if self.name == "none":
             return
         if task.inner_law is not None and law_name(task.inner_law) != "none":
@@ -105,11 +119,25 @@ class LawPolicy:
                 f"action; flying {self.name!r} on top would apply two laws at once. Use 'none' "
                 "for the inner law alone, or an environment without inner_law"
             )
-        if self.name == "lyapunov" and str(task.observe_payload) == "hidden":
+        if self.name in ("lyapunov", "scheduled") and str(task.observe_payload) == "hidden":
             raise PolicyError(
-                "the law 'lyapunov' needs the payload's mass, length and width, which this "
+                f"the law {self.name!r} needs the payload's mass, length and width, which this "
                 "environment hides (observe_payload is 'hidden')"
             )
+        if env is not None:
+            self._contexts = Contexts(env)
+            return
+        for name in self._needs:
+            if getattr(config.randomize, name) is not None:
+                raise PolicyError(
+                    f"{name} is drawn for each episode and no part of the observation: give the "
+                    "environment itself, such as make_policy(..., env=env), so that the law knows "
+                    "the episode's own"
+                )
+
+    def acting_in(self, env: Any) -> LawPolicy:
+        """Return the same law for the episodes of an environment; see the class."""
+        return LawPolicy(self.law, config_of(env), env)
 
     def predict(
         self,
@@ -140,7 +168,9 @@ class LawPolicy:
         Raises
         ------
         PolicyError
-            Wrong observation size, or a state of another batch size.
+            Wrong observation size, values beyond their bounds, entries that contradict each other
+            (a scaled or normalised observation), a state of another batch size, or other
+            episodes than those of the environment that the policy was made for.
         """
         single = np.ndim(observation) == 1
         batch = self._batch(observation)
@@ -165,8 +195,9 @@ class LawPolicy:
             if given.shape != (count,):
                 raise PolicyError(f"episode_start has shape {given.shape} for {count} observations")
             start = start | given
-        torques, memory = self._law.torques(self._law.measurements(batch), memory, start)
-        return self._scaled(actions, torques, single), (memory,)
+        known = self._known(count)
+        torques, memory = self._torques(self._law.measurements(batch), memory, start, known)
+        return self._scaled(actions, torques, known, single), (memory,)
 
     def _batch(self, observation: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(observation, dtype=np.float64)
@@ -175,15 +206,62 @@ class LawPolicy:
                 f"observation has shape {array.shape}, but the environment's observation has "
                 f"{self._size} entries"
             )
-        return np.atleast_2d(array)
+        batch = np.atleast_2d(array)
+        if self.check_observations and self.name != "none":
+            self._check(batch)
+        return batch
+
+    def _known(self, count: int) -> NDArray[np.float64] | None:
+        """What is true in the episodes of each observation, (count, needs); none: as configured."""
+        known = None if self._contexts is None else self._contexts.read(self._needs)
+        if known is not None and len(known) != count:
+            raise PolicyError(
+                f"{count} observations, but the environment that this policy was made for flies "
+                f"{len(known)} episodes: policy.acting_in(env) makes one for another environment"
+            )
+        return known
+
+    def _torques(
+        self,
+        measurements: NDArray[np.float64],
+        memory: NDArray[np.float64],
+        start: NDArray[np.bool_],
+        known: NDArray[np.float64] | None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        if known is None or known.shape[1] == len(_LIMITS):
+            return self._law.torques(measurements, memory, start)
+        arms, which = np.unique(known[:, len(_LIMITS) :], axis=0, return_inverse=True)
+        torques = np.empty((len(measurements), 2))
+        after = np.empty_like(memory)
+        for index, arm in enumerate(arms.tolist()):
+            rows = np.flatnonzero(which.reshape(-1) == index)
+            torques[rows], after[rows] = self._law_of(tuple(arm)).torques(
+                measurements[rows], memory[rows], start[rows]
+            )
+        return torques, after
+
+    def _law_of(self, arm: tuple[float, ...]) -> drm_env.ControlLaw:
+        """The law that knows an episode's arm."""
+        if arm not in self._arms:
+            if len(self._arms) >= _MOST_ARMS:
+                self._arms.clear()
+            options: dict[str, Any] = dict(zip(_ARM, arm, strict=True))
+            options["payload_inertia"] = _INERTIAS[int(options["payload_inertia"])]
+            self._arms[arm] = drm_env.ControlLaw(self.law, config=self.config, **options)
+        return self._arms[arm]
 
     def _scaled(
-        self, actions: NDArray[np.float32], torques: NDArray[np.float64], single: bool
+        self,
+        actions: NDArray[np.float32],
+        torques: NDArray[np.float64],
+        known: NDArray[np.float64] | None,
+        single: bool,
     ) -> NDArray[np.float32]:
-        limits = self._law.torque_limits
+        limits = np.array([self._law.torque_limits]) if known is None else known
+        limits = limits * self.config.task.wheel_scale
         for column, wheel in enumerate(("root_wheel", "tip_wheel")):
             if wheel in self._actuators:
-                fraction = np.clip(torques[:, column] / limits[column], -1.0, 1.0)
+                fraction = np.clip(torques[:, column] / limits[:, column], -1.0, 1.0)
                 actions[:, self._actuators.index(wheel)] = fraction
         return actions[0] if single else actions
 
@@ -240,18 +318,26 @@ def make_policy(
         ``"lyapunov_tuned"`` with those of ``drm tune``; ``"learned"``, the network that comes
         with the package, which acts in the task of its ``config``.
     env
-        The environment it will act in: single, vector or Stable-Baselines3.
+        The environment it will act in: single, vector or Stable-Baselines3. A law then divides by
+        the torque limits of the very episodes that are flown; wrappers that change observations
+        or actions are refused.
     config
-        Its configuration, instead of ``env``; without either, that of ``drm_env/Slew-v0``.
+        Its configuration, instead of ``env``; without either, that of ``drm_env/Slew-v0``. The
+        observations alone are then checked.
     **law_parameters
         Gains other than the thesis', such as ``tip=None`` or ``root={"angle_gain": 4e3}``.
 
     Raises
     ------
     PolicyError
-        Unknown name, or a law that cannot act in this environment.
+        Unknown name, or a policy that cannot act in this environment.
     drm_env.ConfigError
         Impossible gains or configuration.
+
+    Warns
+    -----
+    PolicyWarning
+        The environment asks at another period than the policy's own, such as a law at 100 Hz.
     """
     if env is not None and config is not None:
         raise PolicyError("give env or config, not both")
@@ -264,7 +350,10 @@ def make_policy(
         resolved = config
     else:
         resolved = drm_env.DrmEnv(config=config).config
-    return LawPolicy(law, resolved)
+    policy = LawPolicy(law, resolved, env)
+    if name != "none":
+        check_period(name, policy.control_period, decision_period(env, resolved))
+    return policy
 
 
 def shipped_policy() -> Path:
@@ -278,12 +367,10 @@ def _learned(env: Any, config: Any, parameters: Mapping[str, Any]) -> NetworkPol
     policy = load_policy(shipped_policy())
     if env is not None or config is not None:
         resolved = config_of(env) if env is not None else drm_env.DrmEnv(config=config).config
-        layout = [list(entry) for entry in drm_env.observation_layout(config=resolved)]
-        if layout != [list(entry) for entry in policy.description["observation_layout"]]:
-            raise PolicyError(
-                "the observation of this environment is not the one that 'learned' was trained "
-                f"on: make the environment with config=policy.config ({policy.env_id})"
-            )
+        if env is not None:
+            check_environment(env, resolved)
+        policy.check_task(resolved)
+        check_period(LEARNED, policy.control_period, decision_period(env, resolved))
     return policy
 
 

@@ -352,6 +352,11 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         self._engine.set_context(flat_options(context))
 
+    @property
+    def context(self) -> dict[str, float]:
+        """The true context of the present episode, by the keys of the info; empty without one."""
+        return self._context.copy()
+
     def signals(self) -> dict[str, float]:
         """The present true values by name, SI: the names of `drm_env.simulate`'s arrays.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
+from drm_baselines.compatibility import FINE
 
 Array = NDArray[np.float32]
 
@@ -20,12 +21,6 @@ SEEN = (0, 2, 3, 5)
 """Entries of the state (slew error, deflection coordinates, their rates) that sensors measure."""
 
 _LINK2 = 2.0  # m of deflection of link 2's end per unit of its coordinate (thesis, assumed shapes)
-_FINE = {  # x0 of the entries asinh(x / x0), as in the environment
-    "slew_error": 1e-5,
-    "slew_error_rate": 1e-5,
-    "link2_deflection": 1e-5,
-    "link2_deflection_rate": 1e-4,
-}
 _MEASURED = (  # entry, its quantity among the eight, what it is of it
     ("slew_error", 0, 1.0),
     ("link2_deflection", 1, _LINK2),
@@ -109,7 +104,7 @@ class Sensing:
         for name, quantity, share in _MEASURED:
             measured = self.values(observations, name, age)
             put(name, quantity, share)
-            put(f"{name}_fine", quantity, share / np.hypot(measured, _FINE[name]))
+            put(f"{name}_fine", quantity, share / np.hypot(measured, FINE[name]))
         put("slew_angle", 0, 1.0)
         put("slew_rate", 2, 1.0)
         for i, wheel in enumerate(("root", "tip")):
