@@ -1,7 +1,7 @@
 """Figures: manoeuvres over time, comparisons over episodes, learning curves.
 
-Drawn without a display (Agg). Colours are those of Okabe and Ito, which stay apart for the
-colour-blind; line styles differ as well. Every axis carries its unit.
+A policy looks the same in all of them (:mod:`drm_baselines.policy_names`). Every axis carries its
+unit.
 """
 
 from __future__ import annotations
@@ -10,41 +10,22 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from drm_baselines import storage
+from drm_baselines.figures import plain_log, save_figure, single, subplots
 from drm_baselines.metrics import describe
+from drm_baselines.policy_names import styles, title_of
 from drm_baselines.records import Episodes, headline
 from drm_baselines.statistics import Estimate
 
-_COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_STYLES = ("-", "--", "-.", ":")
 _DEGREES = 180.0 / np.pi
 _Flight = Mapping[str, NDArray[np.float64]]
 
 
-def _style(index: int) -> dict[str, Any]:
-    return {
-        "color": _COLOURS[index % len(_COLOURS)],
-        "linestyle": _STYLES[(index // len(_COLOURS) + index) % len(_STYLES)],
-    }
-
-
-def save_figure(figure: Figure, path: Path, *, overwrite: bool) -> Path:
-    """Write a figure under a temporary name, rename it, close the figure; return ``path``."""
-    try:
-        with storage.atomic_path(path, overwrite=overwrite) as temporary:
-            figure.savefig(temporary, dpi=130)
-    finally:
-        plt.close(figure)
-    return path
+def _line(style: Mapping[str, Any]) -> dict[str, Any]:
+    """A style without its marker, for lines of many points."""
+    return {name: value for name, value in style.items() if name != "marker"}
 
 
 def plot_manoeuvres(
@@ -56,9 +37,12 @@ def plot_manoeuvres(
 ) -> Path:
     """Draw slew error, tip deflection and wheel torques of manoeuvres over time.
 
-    ``flights`` are trajectories by label, with the signals that ``drm_env.simulate`` returns.
+    ``flights`` are trajectories by name or label of the policy, with the signals that
+    ``drm_env.simulate`` returns.
     """
-    figure, axes = plt.subplots(5, 1, figsize=(9.0, 12.0), sharex=True, layout="constrained")
+    figure, grid = subplots(5, 1, size=(9.0, 12.0), sharex=True)
+    axes = list(grid[:, 0])
+    drawn = styles(list(flights))
     rows: tuple[tuple[str, Callable[[_Flight], NDArray[np.float64]]], ...] = (
         ("slew angle (deg)", lambda f: f["slew_angle"] * _DEGREES),
         ("slew error (deg)", lambda f: (f["slew_angle"] - f["reference_angle"]) * _DEGREES),
@@ -67,8 +51,10 @@ def plot_manoeuvres(
         ("tip wheel torque (N m)", lambda f: f["tip_torque"]),
     )
     for axis, (label, signal) in zip(axes, rows, strict=True):
-        for index, (name, flight) in enumerate(flights.items()):
-            axis.plot(flight["time"], signal(flight), label=name, linewidth=1.1, **_style(index))
+        for (name, flight), style in zip(flights.items(), drawn, strict=True):
+            axis.plot(
+                flight["time"], signal(flight), label=title_of(name), linewidth=1.1, **_line(style)
+            )
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
     reference = next(iter(flights.values()))
@@ -93,18 +79,14 @@ def plot_comparison(
     names = headline(flights)
     columns = 3
     lines = -(-len(names) // columns)
-    figure, axes = plt.subplots(
-        lines,
-        columns,
-        figsize=(13.0, 0.8 + lines * (1.2 + 0.34 * len(flights))),
-        layout="constrained",
-        squeeze=False,
-        sharey=True,
+    figure, axes = subplots(
+        lines, columns, size=(13.0, 0.8 + lines * (1.2 + 0.34 * len(flights))), sharey=True
     )
+    drawn = styles([flight.label for flight in flights])
     places = np.arange(len(flights))[::-1]
     for axis, name in zip(axes.flat, names, strict=False):
         metric = describe(name)
-        for index, (flight, place) in enumerate(zip(flights, places, strict=True)):
+        for flight, place, style in zip(flights, places, drawn, strict=True):
             shown = flight.estimate(name).scaled(metric.scale)
             if not np.isfinite(shown.value):
                 axis.annotate("diverged", (0.5, place), xycoords=("axes fraction", "data"))
@@ -117,9 +99,8 @@ def plot_comparison(
                 shown.value,
                 place,
                 xerr=spread,
-                fmt="o",
                 capsize=4,
-                color=_COLOURS[index % len(_COLOURS)],
+                **{**style, "linestyle": "none"},
             )
         axis.set_xlabel(f"{metric.label} ({metric.unit})" if metric.unit else metric.label)
         if metric.unit in ("mm", "deg") and all(
@@ -145,12 +126,12 @@ def plot_distribution(
 ) -> Path:
     """Draw which share of episodes stays below a value of ``metric``, for each policy."""
     shown = describe(metric)
-    figure, axis = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
-    for index, flight in enumerate(flights):
+    figure, axis = single(size=(8.0, 5.0))
+    for flight, style in zip(flights, styles([flight.label for flight in flights]), strict=True):
         values = np.sort(flight.judged(metric) * shown.scale)
         share = np.arange(1, values.size + 1) / values.size
         finite = np.isfinite(values)
-        axis.step(values[finite], share[finite], where="post", label=flight.label, **_style(index))
+        axis.step(values[finite], share[finite], where="post", label=flight.label, **_line(style))
     axis.set_xscale("log")
     axis.set_xlabel(f"{shown.label} ({shown.unit})")
     axis.set_ylabel("share of episodes at or below")
@@ -166,11 +147,14 @@ def plot_learning_curve(
     bands: Mapping[str, Estimate],
     path: Path,
     *,
+    label: str = "learned",
     metric: str = "tip_error_rms",
     title: str,
     overwrite: bool = False,
 ) -> Path:
     """Draw a metric over training steps and wall time, with laws as horizontal bands.
+
+    All axes are logarithmic; a point before the first step or second is left out.
 
     Parameters
     ----------
@@ -179,35 +163,38 @@ def plot_learning_curve(
         and ``_high``, SI units.
     bands
         Estimates of laws over the same episodes, by label, SI units.
-    path, metric, title, overwrite
-        Where and what to draw.
+    path, label, metric, title, overwrite
+        Where and what to draw; ``label`` is the policy's name or label.
     """
     shown = describe(metric)
-    figure, axes = plt.subplots(1, 2, figsize=(12.0, 4.8), sharey=True, layout="constrained")
+    figure, grid = subplots(1, 2, size=(12.0, 4.8), sharey=True)
+    axes = list(grid[0])
+    own, *others = styles([label, *bands])
     sides = (
         (curve["steps"] / 1e6, "environment steps (millions)"),
         (curve["wall_time"] / 60.0, "training time (min)"),
     )
-    for axis, (places, label) in zip(axes, sides, strict=True):
-        axis.plot(
-            places, curve[metric] * shown.scale, marker="o", color=_COLOURS[2], label="learned"
-        )
+    for axis, (places, xlabel) in zip(axes, sides, strict=True):
+        begun = (curve["steps"] > 0.0) & (places > 0.0)
+        axis.plot(places[begun], curve[metric][begun] * shown.scale, label=title_of(label), **own)
         axis.fill_between(
-            places,
-            curve[f"{metric}_low"] * shown.scale,
-            curve[f"{metric}_high"] * shown.scale,
-            color=_COLOURS[2],
+            places[begun],
+            curve[f"{metric}_low"][begun] * shown.scale,
+            curve[f"{metric}_high"][begun] * shown.scale,
+            color=own["color"],
             alpha=0.2,
             linewidth=0.0,
         )
-        for index, (name, estimate) in enumerate(bands.items()):
-            colour = _COLOURS[(0, 1, 3, 4)[index % 4]]
+        for (name, estimate), style in zip(bands.items(), others, strict=True):
             band = estimate.scaled(shown.scale)
-            axis.axhspan(band.low, band.high, color=colour, alpha=0.15, linewidth=0.0)
-            axis.axhline(band.value, color=colour, linestyle=_STYLES[1 + index % 3], label=name)
-        axis.set_xlabel(label)
+            axis.axhspan(band.low, band.high, color=style["color"], alpha=0.15, linewidth=0.0)
+            axis.axhline(band.value, label=title_of(name), **_line(style))
+        axis.set_xlabel(xlabel)
+        axis.set_xscale("log")
         axis.set_yscale("log")
         axis.grid(alpha=0.3, which="both")
+        plain_log(axis.xaxis)
+    plain_log(axes[0].yaxis)
     axes[0].set_ylabel(f"{shown.label} ({shown.unit})")
     axes[0].legend(fontsize="small")
     figure.suptitle(title)

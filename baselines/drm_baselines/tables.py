@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from drm_baselines.metrics import Metric, describe
+from drm_baselines.policy_names import title_of
 from drm_baselines.records import Episodes, headline
 from drm_baselines.statistics import Estimate
 
@@ -74,7 +75,10 @@ def comparison_tables(flights: Sequence[Episodes], *, title: str, width: int) ->
 
 
 def metrics_table(rows: Mapping[str, Mapping[str, float]], *, title: str) -> Table:
-    """Return one row a flight with the values of single manoeuvres (no statistics)."""
+    """Return one row a flight with the values of single manoeuvres (no statistics).
+
+    ``rows`` are metrics by the policy's name or any other label.
+    """
     shown = (
         "peak_slew_angle", "final_slew_error", "tip_error_rms", "peak_deflection",
         "residual_rms", "settling_time", "wheel_effort",
@@ -93,7 +97,7 @@ def metrics_table(rows: Mapping[str, Mapping[str, float]], *, title: str) -> Tab
                 cells.append("never")
             else:
                 cells.append(number(value * metric.scale, metric.digits))
-        table.add_row(label, *cells)
+        table.add_row(title_of(label), *cells)
     return table
 
 

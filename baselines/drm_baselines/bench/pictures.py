@@ -5,30 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from drm_baselines import storage
 from drm_baselines.bench.measure import Spread
 from drm_baselines.bench.results import Curve, Section
-
-_COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_STYLES = ("-", "--", "-.", ":")
-
-
-def _save(figure: Figure, path: Path, *, overwrite: bool) -> Path:
-    try:
-        with storage.atomic_path(path, overwrite=overwrite) as temporary:
-            figure.savefig(temporary, dpi=130)
-    finally:
-        plt.close(figure)
-    return path
+from drm_baselines.figures import LINES, SEQUENCE, save_figure, single
 
 
 def _errors(values: Sequence[Spread]) -> list[list[float]]:
@@ -44,10 +26,10 @@ def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Pat
     ratios = [row.ratio for row in section.rows if row.ratio is not None]
     if not rows:
         return None
-    figure, axis = plt.subplots(figsize=(10.0, 1.6 + 0.5 * len(rows)), layout="constrained")
+    figure, axis = single(size=(10.0, 1.6 + 0.5 * len(rows)))
     places = np.arange(len(rows))[::-1]
     medians = [ratio.median for ratio in ratios]
-    axis.errorbar(medians, places, xerr=_errors(ratios), fmt="o", capsize=4, color=_COLOURS[1])
+    axis.errorbar(medians, places, xerr=_errors(ratios), fmt="o", capsize=4, color=SEQUENCE[0])
     axis.axvline(1.0, color="0.3", linewidth=1.0)
     axis.set_yticks(places, [f"{row.what}\nto {row.relative_to}" for row in rows])
     axis.tick_params(axis="y", labelsize="small")
@@ -60,12 +42,12 @@ def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Pat
     axis.set_xlabel("ratio (median; smallest and largest)")
     axis.grid(alpha=0.3, axis="x")
     axis.set_title(section.title)
-    return _save(figure, path, overwrite=overwrite)
+    return save_figure(figure, path, overwrite=overwrite)
 
 
 def plot_curve(curve: Curve, path: Path, *, overwrite: bool = False) -> Path:
     """Draw values over a size, both logarithmic, with their spread."""
-    figure, axis = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+    figure, axis = single(size=(8.0, 5.0))
     for index, (label, (sizes, values)) in enumerate(curve.lines.items()):
         axis.errorbar(
             list(sizes),
@@ -74,8 +56,8 @@ def plot_curve(curve: Curve, path: Path, *, overwrite: bool = False) -> Path:
             label=label,
             marker="o",
             capsize=3,
-            color=_COLOURS[index % len(_COLOURS)],
-            linestyle=_STYLES[index % len(_STYLES)],
+            color=SEQUENCE[index % len(SEQUENCE)],
+            linestyle=LINES[index % len(LINES)],
         )
     axis.set_xscale("log", base=2)
     axis.set_yscale("log")
@@ -86,7 +68,7 @@ def plot_curve(curve: Curve, path: Path, *, overwrite: bool = False) -> Path:
     axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize="small")
     axis.set_title(curve.title)
-    return _save(figure, path, overwrite=overwrite)
+    return save_figure(figure, path, overwrite=overwrite)
 
 
 def plot_all(

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from drm_baselines.figures import LINES, SEQUENCE, subplots
+
 _Array = NDArray[np.float64]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Of Okabe and Ito, which stay apart for the colour-blind."""
-
-STYLES = ("-", "--", "-.", ":")
 GREY = "0.6"
 PALE = "#F2C49B"
 
@@ -25,9 +21,7 @@ def panels(
     count: int, *, title: str, xlabel: str = "time (s)", height: float = 2.3, share: bool = True
 ) -> tuple[Figure, list[Axes]]:
     """Return an empty figure with ``count`` axes below each other."""
-    figure = Figure(figsize=(7.5, 0.7 + height * count), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid: Any = figure.subplots(count, 1, sharex=share, squeeze=False)
+    figure, grid = subplots(count, 1, size=(7.5, 0.7 + height * count), sharex=share)
     axes: list[Axes] = list(grid[:, 0])
     for axis in axes:
         axis.grid(alpha=0.3)
@@ -55,8 +49,8 @@ def curves(
             y,
             label=label,
             linewidth=1.0,
-            color=COLOURS[index % len(COLOURS)],
-            linestyle=STYLES[index % len(STYLES)],
+            color=SEQUENCE[index % len(SEQUENCE)],
+            linestyle=LINES[index % len(LINES)],
         )
     axis.set_ylabel(ylabel, fontsize=9)
     if len(lines) > 1:
