@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -18,16 +19,15 @@ pytest.importorskip("jinja2")
 
 from rich.console import Console
 
-from drm_baselines.benchmark import estimates, report
+from drm_baselines.benchmark import estimates, report, run
 from drm_baselines.benchmark.estimates import (
-    Estimate,
+    difference,
     estimate,
     estimate_of,
     judged,
     multiple,
     probability_of_improvement,
     restricted,
-    touching,
 )
 from drm_baselines.benchmark.results import Record, SuiteResult
 from drm_baselines.errors import BaselineError, ExistingResultError
@@ -284,19 +284,22 @@ def test_restricted_record_keeps_its_order() -> None:
     assert kept.strata == ["b", "b"]
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "touch"),
-    [((0, 1), (1, 2), True), ((0, 1), (1.5, 2), False), ((0, 9), (3, 4), True)],
-)
-def test_intervals_touch_when_they_share_a_point(
-    first: tuple[float, float], second: tuple[float, float], touch: bool
-) -> None:
-    a, b = (
-        Estimate(iqm=0, mean=0, ci95=ends, mean_ci95=(50, 60), seeds=1, episodes=1)
-        for ends in (first, second)
-    )
-    assert touching(a, b) is touch
-    assert touching(b, a) is touch
+def test_difference_is_paired_over_common_episodes_and_all_pairs_of_seeds() -> None:
+    # Episodes 0 to 3 differ by 1, whatever their level; the others are not common.
+    flown = record("p", "learned", [[11.0, 21.0, 31.0, 41.0], [13.0, 23.0, 33.0, 43.0]])
+    law = record("q", "law", [[40.0, 30.0, 20.0, 10.0, 7.0]], episodes=[3, 2, 1, 0, 6])
+    found = difference(flown, law, "tip_error_rms")
+    assert (found.value, found.episodes) == (2.0, 4)
+    # both seeds, or one of them twice: 1 and 3, 1 and 1, 3 and 3
+    assert found.ci95 == (1.0, 3.0)
+    turned = difference(law, flown, "tip_error_rms")
+    assert (turned.value, turned.ci95) == (-2.0, (-3.0, -1.0))
+
+
+def test_difference_of_flights_that_both_diverged_is_nothing() -> None:
+    first, second = (record(name, "law", [[math.nan] * 8]) for name in "pq")
+    found = difference(first, second, "tip_error_rms")
+    assert (found.value, found.ci95) == (0.0, (0.0, 0.0))
 
 
 # --- JSON -----------------------------------------------------------------------------------------
@@ -389,7 +392,8 @@ def test_metrics_that_a_record_lacks_are_dashes() -> None:
 def test_note_names_the_policy_with_fewer_episodes() -> None:
     few = record("bound", "bound", [[1e-3, 1e-3]], title="programme")
     text = report.markdown_table(suite(few, level("linear", "law", 3.0)))
-    assert "- programme: 2 of these 8 episodes" in text
+    assert "- \\* programme: 2 of these 8 episodes" in text
+    assert [row[0] for row in cells(text)[1:]] == ["programme \\*", "linear"]
     assert "linear: " not in text
     assert "These are 8 of the 1000 episodes of the suite." in text
 
@@ -420,16 +424,19 @@ def test_degradation_has_a_column_a_suite() -> None:
 # --- targets --------------------------------------------------------------------------------------
 
 
-def met(result: SuiteResult) -> list[bool]:
-    return [reached for _, reached in report.targets(result)]
+def verdicts(result: SuiteResult) -> list[str]:
+    return [target.verdict for target in report.targets(result)]
 
 
 def test_all_targets_of_robust_are_met_and_state_their_numbers() -> None:
     found = report.targets(field(learned=0.9))
-    assert [reached for _, reached in found] == [True] * 6
-    first, second = found[0][0], found[1][0]
+    assert [target.verdict for target in found] == ["met"] * 6
+    first, second, third, fourth, fifth, _ = (target.text for target in found)
     assert "0.300 [0.300, 0.300] times tuned" in first and "at most 0.333" in first
     assert "1.80 [1.80, 1.80] times bound" in second and "at most 3" in second
+    assert "PPO minus tuned, in pairs, is -2.10 [-2.10, -2.10] mm on 8 episodes" in third
+    assert "is 0 [0, 0] mm on 8 episodes; the target is at most 0.00500 mm, 5 % of" in fourth
+    assert "at least -5.00 %" in fifth
 
 
 @pytest.mark.parametrize(
@@ -438,7 +445,6 @@ def test_all_targets_of_robust_are_met_and_state_their_numbers() -> None:
         ({"learned": 1.1}, 0),
         ({"learned": 4.0}, 0),
         ({"learned": 1.6}, 1),
-        ({"learned": 3.0}, 2),
         ({"learned": 3.1}, 2),
         ({"residual_rms": 2e-4}, 3),
         ({"settled": 0.5}, 4),
@@ -446,7 +452,51 @@ def test_all_targets_of_robust_are_met_and_state_their_numbers() -> None:
     ],
 )
 def test_each_target_of_robust_can_be_missed(options: Mapping[str, Any], missed: int) -> None:
-    assert not met(field(**{"learned": 0.9, **options}))[missed]
+    assert verdicts(field(**{"learned": 0.9, **options}))[missed] == "missed"
+
+
+@pytest.mark.parametrize(
+    ("worse", "verdict"),
+    [
+        # by how much each of the eight episodes is worse, of a law's residual of 0.1 mm
+        ([0.004] * 8, "met"),
+        ([0.006] * 8, "missed"),
+        ([-0.05, 0.06] * 4, "cannot be told apart"),
+        ([-0.5] * 8, "met"),
+    ],
+)
+def test_not_worse_is_judged_by_the_paired_difference_and_a_margin(
+    worse: Sequence[float], verdict: str
+) -> None:
+    # The episodes lie so far apart that unpaired intervals touch whatever the difference.
+    law = np.array([1.0, 2.0, 4.0, 8.0, 0.5, 0.25, 0.1, 0.05]) * 1e-4
+    law *= 1e-4 / float(stats.trim_mean(law, 0.25))
+    result = suite(
+        level("ppo", "learned", 0.9, residual_rms=law + np.array(worse) * 1e-3),
+        level("tuned", "tuned law", 3.0, residual_rms=law),
+        level("bound", "bound", 0.5),
+    )
+    assert verdicts(result)[3] == verdict
+
+
+def test_touching_intervals_are_no_evidence() -> None:
+    """The learned policy is twice as bad in every episode; the unpaired intervals overlap."""
+    law = np.geomspace(1e-6, 1e-3, 8)
+    result = suite(
+        level("ppo", "learned", 0.9, residual_rms=2.0 * law),
+        level("tuned", "tuned law", 3.0, residual_rms=law),
+    )
+    left, right = (estimate_of(one, "residual_rms").interval for one in result.records)
+    assert left[0] < right[1]
+    assert verdicts(result)[3] == "missed"
+
+
+def test_a_ratio_whose_interval_holds_the_target_cannot_be_told_apart() -> None:
+    tip = np.array([0.2, 0.4, 0.2, 0.4, 0.2, 0.4, 0.2, 0.4]) * 1e-3
+    result = suite(record("ppo", "learned", [tip]), level("tuned", "tuned law", 0.9))
+    low, high = multiple(*result.records, "tip_error_rms").ci95
+    assert low < report.SHARE < high
+    assert verdicts(result)[0] == "cannot be told apart"
 
 
 def test_best_learned_policy_is_the_one_of_all_its_seeds() -> None:
@@ -457,7 +507,7 @@ def test_best_learned_policy_is_the_one_of_all_its_seeds() -> None:
         level("steady", "learned", 0.9, seeds=3), record("lucky", "learned", lucky),
         level("tuned", "tuned law", 3.0), level("bound", "bound", 0.5),
     )  # fmt: skip
-    assert "steady" in report.targets(result)[0][0]
+    assert "steady" in report.targets(result)[0].text
 
 
 def test_best_policy_follows_the_direction_of_the_metric() -> None:
@@ -467,9 +517,9 @@ def test_best_policy_follows_the_direction_of_the_metric() -> None:
     assert report.best(result, "learned") is None
 
 
-def test_without_somebody_to_compare_with_no_target_is_met() -> None:
-    assert met(suite(level("tuned", "tuned law", 3.0))) == [False]
-    assert met(suite(level("ppo", "learned", 1.0))) == [False, False]
+def test_without_somebody_to_compare_with_nothing_is_told() -> None:
+    assert verdicts(suite(level("tuned", "tuned law", 3.0))) == ["cannot be told apart"]
+    assert verdicts(suite(level("ppo", "learned", 1.0))) == ["cannot be told apart"] * 2
 
 
 def test_targets_of_thesis_are_about_every_headline_metric_and_the_best_law_in_it() -> None:
@@ -478,9 +528,25 @@ def test_targets_of_thesis_are_about_every_headline_metric_and_the_best_law_in_i
     )  # fmt: skip
     learned = level("ppo", "learned", 2.0, seeds=2, wheel_effort=2.0)
     found = report.targets(suite(*laws, learned, name="thesis"))
-    assert [reached for _, reached in found] == [True] * 5 + [False]
-    assert "ppo (2.00 [2.00, 2.00] s) is worse than linear (1.00 [1.00, 1.00] s)" in found[-1][0]
+    assert [target.verdict for target in found] == ["met"] * 5 + ["missed"]
+    assert "ppo (2.00 [2.00, 2.00] s) minus linear (1.00 [1.00, 1.00] s), in pairs, is +1.00" in (
+        found[-1].text
+    )
     assert report.targets(suite(*laws, learned, name="heavy")) == []
+
+
+def test_every_report_judges_thesis_on_the_episodes_with_the_exact_mass(tmp_path: Path) -> None:
+    """Of each three episodes the first has the exact mass: there the policy is better."""
+    tip = np.where(np.arange(8) % 3 == 0, 1e-3, 1.0)
+    result = suite(record("ppo", "learned", [tip]), level("tuned", "tuned law", 3.0), name="thesis")
+    assert report.judged_part(result).records[0].episodes.tolist() == [0, 3, 6]
+    first = report.targets(result)[0]
+    assert first.verdict == "met" and "on 3 episodes with the exact mass" in first.text
+    page = report.write_page([result], tmp_path / "page.html", {}).read_text(encoding="utf-8")
+    text = html.unescape(page)
+    for target in report.targets(result):
+        assert f">{target.verdict}</span> {target.text}" in text
+        assert f": `thesis`: {target.text}" in run.targets_text([result])
 
 
 def test_restricted_result_drops_who_flew_none_of_the_episodes() -> None:
@@ -575,7 +641,7 @@ def test_page_is_well_formed_escaped_and_needs_no_other_file(tmp_path: Path) -> 
     # two suites and what happens from one to the other
     assert page.tags.count("table") == 3
     assert "1.00 [1.00, 1.00]" in page.text
-    assert "not met" in page.text
+    assert "cannot be told apart" in page.text and "missed" in page.text
 
 
 def test_page_without_its_figure_is_not_written(tmp_path: Path) -> None:

@@ -25,7 +25,8 @@ from drm_baselines.benchmark.suites import Manoeuvres
 from drm_baselines.benchmark.tuning import load_gains
 from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.network import NetworkPolicy, load_policy
-from drm_baselines.policies import LAW_PERIOD
+from drm_baselines.policies import LAW_PERIOD, TUNED
+from drm_baselines.policy_names import title_of
 
 Progress = Callable[[str, int, int], None]
 """Called with (policy, done, total)."""
@@ -45,7 +46,7 @@ class Competitor:
 
     Attributes
     ----------
-    policy, title, kind, knows
+    policy, kind, knows
         See :class:`drm_baselines.benchmark.results.Record`.
     law
         The law as data, for what the engine flies as a law.
@@ -56,12 +57,16 @@ class Competitor:
     """
 
     policy: str
-    title: str
     kind: str
     knows: str = "reported"
     law: Mapping[str, Any] | None = None
     receding: Receding | None = None
     runs: Mapping[int, Path] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Name in tables and pictures."""
+        return title_of(self.policy)
 
     def episodes(self, manoeuvres: Manoeuvres) -> NDArray[np.int64]:
         """Return the episodes of a suite that are flown, evenly spread."""
@@ -173,38 +178,17 @@ def task_in(policy: NetworkPolicy, scenarios: Sequence[Mapping[str, Any]]) -> di
     return config
 
 
-LEARNERS = {
-    "dagger": ("imitation and gradient, residual", "reported"),
-    "ppo": ("PPO, residual on the linear law", "reported"),
-    "sac": ("SAC, residual on the linear law", "reported"),
-    "ppo_direct": ("PPO end to end", "reported"),
-    "sac_direct": ("SAC end to end", "reported"),
-}
-"""Learning methods: key, title, what they are told of the payload."""
+LEARNERS = ("dagger", "ppo", "sac", "ppo_direct", "sac_direct")
+"""Learning methods by name; all are told the reported payload."""
 
 _LAWS = (
-    Competitor(policy="bound", title="bound", kind="bound", knows="true"),
-    Competitor(
-        policy="none", title="open loop", kind="open loop", knows="reported", law={"name": "none"}
-    ),
-    Competitor(
-        policy="linear", title="linear law, thesis' gains", kind="law", law={"name": "linear"}
-    ),
-    Competitor(
-        policy="lyapunov", title="Lyapunov law, thesis' gains", kind="law",
-        law={"name": "lyapunov"},
-    ),
-)  # fmt: skip
-
-_RECEDING = Competitor(
-    policy="receding", title="adaptive receding horizon", kind="controller", receding=Receding()
+    Competitor(policy="bound", kind="bound", knows="true"),
+    Competitor(policy="none", kind="open loop", law={"name": "none"}),
+    Competitor(policy="linear", kind="law", law={"name": "linear"}),
+    Competitor(policy="lyapunov", kind="law", law={"name": "lyapunov"}),
 )
 
-_TUNED = {
-    "linear": "linear law, retuned",
-    "lyapunov": "Lyapunov law, retuned",
-    "lqr": "LQR, scheduled and tuned",
-}
+_RECEDING = Competitor(policy="receding", kind="controller", receding=Receding())
 
 
 def shipped_runs() -> Path:
@@ -229,18 +213,13 @@ def competitors(learned: Path | None = None) -> list[Competitor]:
     the policies that come with the package.
     """
     tuned = [
-        Competitor(
-            policy=f"{law}_tuned" if law != "lqr" else "lqr",
-            title=title,
-            kind="tuned law",
-            law=load_gains(law)["law"],
-        )
-        for law, title in _TUNED.items()
+        Competitor(policy=name, kind="tuned law", law=load_gains(gains)["law"])
+        for name, gains in TUNED.items()
     ]
     base = shipped_runs() if learned is None else learned
     methods = [
-        Competitor(policy=name, title=title, kind="learned", knows=knows, runs=runs)
-        for name, (title, knows) in LEARNERS.items()
+        Competitor(policy=name, kind="learned", runs=runs)
+        for name in LEARNERS
         if (runs := runs_in(base / name))
     ]
     return [*_LAWS, *tuned, _RECEDING, *methods]

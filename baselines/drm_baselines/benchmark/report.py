@@ -13,17 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axis import Axis
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 from rich.table import Table
 from rich.text import Text
@@ -33,20 +26,21 @@ from drm_baselines.bench.report import figure as significant
 from drm_baselines.benchmark.estimates import (
     Compared,
     Estimate,
+    difference,
     estimate_of,
     improvement,
     judged,
     multiple,
     restricted,
     shared,
-    touching,
 )
 from drm_baselines.benchmark.results import Record, SuiteResult
-from drm_baselines.benchmark.suites import SUITES
+from drm_baselines.benchmark.suites import SUITES, load
 from drm_baselines.errors import BaselineError
+from drm_baselines.figures import plain_log, save_figure, single, subplots
 from drm_baselines.markers import marked_range
 from drm_baselines.metrics import HEADLINE, describe
-from drm_baselines.plots import save_figure
+from drm_baselines.policy_names import POLICIES, styles
 from drm_baselines.statistics import interquartile_mean
 
 FORMAT = "drm-benchmark"
@@ -64,6 +58,12 @@ SHARE = 1.0 / 3.0
 REACH = 3.0
 """Target: the learned policy's tip error is at most this multiple of the bound."""
 
+MARGIN = 0.05
+"""Target: the learned policy is worse than a law by at most this share of the law's figure."""
+
+MET, MISSED, OPEN = "met", "missed", "cannot be told apart"
+"""What is said about a target; see :func:`targets`."""
+
 _NOT_WORSE = ("residual_rms", "settled", "final_slew_error")
 _NO_AGGREGATE = ("duration", "slew_end_time")
 _DASH = "-"
@@ -77,19 +77,11 @@ METHOD = (
     "episodes within each stratum, with replacement; all policies meet the same drawn episodes.",
     "An episode that never settles counts with the whole time after the slew. A diverged episode "
     "counts as infinitely bad.",
+    "Targets are judged by ratios and paired differences over the episodes that both policies "
+    "flew: met or missed when the whole 95 % interval says so, else the two cannot be told apart. "
+    f"Not worse means worse by at most {100 * MARGIN:g} % of the law's figure.",
 )
 """How the figures come about, sentence by sentence."""
-
-_COLOURS = dict(
-    zip(
-        KINDS,
-        ("#000000", "#E69F00", "#0072B2", "#56B4E9", "#009E73", "#D55E00"),
-        strict=True,
-    )
-)
-_STYLES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)))
-_MARKERS = "osD^vP"
-
 
 # --- choosing -------------------------------------------------------------------------------------
 
@@ -147,6 +139,11 @@ def _compared(record: Record, other: Record | None, *, ratio: bool) -> Compared 
     if np.intersect1d(record.episodes, other.episodes).size == 0:
         return None
     return (multiple if ratio else improvement)(record, other, JUDGE)
+
+
+def _partial(record: Record, flown: int) -> bool:
+    """Whether a record's figures are over fewer episodes than those of others."""
+    return len(record.episodes) < flown
 
 
 def _flown(result: SuiteResult) -> int:
@@ -260,14 +257,14 @@ def _headings() -> list[str]:
 
 
 def _rows(result: SuiteResult) -> list[list[str]]:
-    bound = _bound(result)
+    bound, flown = _bound(result), _flown(result)
     rows = []
     for record in ordered(result):
         ratio = _compared(record, bound, ratio=True)
         trained = record.kind == "learned" or len(record.seeds) > 1
         rows.append(
             [
-                record.title,
+                f"{record.title} *" if _partial(record, flown) else record.title,
                 record.knows,
                 f"{record.control_period * 1e3:g}" if record.control_period > 0.0 else _DASH,
                 str(len(record.seeds)) if trained else _DASH,
@@ -292,10 +289,11 @@ def notes(result: SuiteResult) -> list[str]:
     if suite is not None and flown < suite.episodes:
         lines.append(f"These are {flown} of the {suite.episodes} episodes of the suite.")
     lines.extend(
-        f"{record.title}: {len(record.episodes)} of these {flown} episodes; multiples and "
-        "probabilities are over the episodes that both flew."
+        f"* {record.title}: {len(record.episodes)} of these {flown} episodes; its figures belong "
+        "to these alone and cannot be held against the others'. The multiples of the bound can: "
+        "they are over the episodes that both flew."
         for record in ordered(result)
-        if len(record.episodes) < flown
+        if _partial(record, flown)
     )
     return lines
 
@@ -317,9 +315,13 @@ def terminal_table(result: SuiteResult) -> Table:
     return table
 
 
+def _escaped(text: str) -> str:
+    return text.replace("*", "\\*")
+
+
 def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> list[str]:
     def line(cells: Sequence[str]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+        return "| " + " | ".join(_escaped(cell).replace("|", "\\|") for cell in cells) + " |"
 
     rule = "|" + "---|" * left + "---:|" * (len(headings) - left)
     return [line(headings), rule, *(line(row) for row in rows)]
@@ -328,7 +330,7 @@ def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int)
 def markdown_table(result: SuiteResult) -> str:
     """Return a suite as a Markdown table, a row a policy, its notes below as a list."""
     table = _markdown(_headings(), _rows(result), 2)
-    return "\n".join([*table, "", *(f"- {note}" for note in notes(result))])
+    return "\n".join([*table, "", *(f"- {_escaped(note)}" for note in notes(result))])
 
 
 def _policies(results: Sequence[SuiteResult]) -> dict[str, Record]:
@@ -349,14 +351,14 @@ def _degradation(results: Sequence[SuiteResult]) -> tuple[list[str], list[list[s
         row = [first.title]
         for result, records in zip(results, flights, strict=True):
             cell = _headline(records[policy], JUDGE) if policy in records else _DASH
-            if policy in records and len(records[policy].episodes) < _flown(result):
+            if policy in records and _partial(records[policy], _flown(result)):
                 cell, starred = f"{cell} *", True
             row.append(cell)
         rows.append(row)
     return ["policy", *(result.suite for result in results)], rows, starred
 
 
-_STAR = "\\* on fewer episodes than the others."
+_STAR = "* on fewer episodes than the others."
 
 
 def degradation_table(results: Sequence[SuiteResult]) -> str:
@@ -366,43 +368,76 @@ def degradation_table(results: Sequence[SuiteResult]) -> str:
     fewer episodes of a suite than others did.
     """
     headings, rows, starred = _degradation(results)
-    escaped = [[cell.replace("*", "\\*") for cell in row] for row in rows]
-    return "\n".join([*_markdown(headings, escaped, 1), *(["", _STAR] if starred else [])])
+    return "\n".join([*_markdown(headings, rows, 1), *(["", _escaped(_STAR)] if starred else [])])
 
 
 # --- targets --------------------------------------------------------------------------------------
 
 
-def targets(result: SuiteResult) -> list[tuple[str, bool]]:
+class Target(NamedTuple):
+    """What a learned policy should reach, with the numbers, and whether it does.
+
+    ``verdict`` is :data:`MET`, :data:`MISSED` or :data:`OPEN`.
+    """
+
+    text: str
+    verdict: str
+
+
+def judged_part(result: SuiteResult) -> SuiteResult:
+    """Return the part of a suite's result that its targets are about, for every report.
+
+    It is the whole of it, in ``thesis`` the episodes whose reported mass is the true one.
+    """
+    if result.suite != "thesis":
+        return result
+    exact = [
+        index
+        for index, scenario in enumerate(load("thesis").scenarios)
+        if scenario["mass_error"] == 0.0
+    ]
+    return restricted_result(result, exact)
+
+
+def targets(result: SuiteResult) -> list[Target]:
     """Return what a learned policy should reach in a suite, and whether it does.
 
     The learned policy is the one with the least tip error RMS, with all its training seeds. In the
     suite ``robust`` it is held against the best tuned law and the bound, in ``thesis`` against the
-    best law in each headline metric; other suites have no targets. Two policies are compared on
-    the episodes that both flew. One is worse than another when its figure is worse and their
-    intervals do not touch.
+    best law in each headline metric, on the episodes whose reported mass is exact; other suites
+    have no targets.
 
-    Returns
-    -------
-    list of (str, bool)
-        A sentence with the numbers, and whether the target is met. A target that has nothing to
-        be held against is not met.
+    Two policies are compared in pairs, on the episodes that both flew. A target is met if the whole
+    95 % interval of the ratio or difference keeps it and missed if the whole interval breaks it;
+    otherwise the two cannot be told apart, nor where there is nothing to be held against. "Not
+    worse" means worse by at most :data:`MARGIN` of the law's figure.
     """
     if result.suite not in ("robust", "thesis"):
         return []
-    learned = best(result, "learned")
+    part = judged_part(result)
+    learned = best(part, "learned")
     if learned is None:
-        return [(f"No learned policy flew the suite {result.suite}.", False)]
+        return [Target(f"No learned policy flew the suite {result.suite}.", OPEN)]
     if result.suite == "thesis":
         return [
-            _not_worse(learned, best(result, "law", "tuned law", name=name), name)
+            _not_worse(
+                learned, best(part, "law", "tuned law", name=name), name, " with the exact mass"
+            )
             for name in HEADLINE
         ]
-    return _robust(result, learned)
+    return _robust(part, learned)
 
 
-def _robust(result: SuiteResult, learned: Record) -> list[tuple[str, bool]]:
-    found: list[tuple[str, bool]] = []
+def _verdict(ci95: tuple[float, float], limit: float) -> str:
+    """Whether a figure that should be at most ``limit`` is, by its interval."""
+    low, high = ci95
+    if high <= limit:
+        return MET
+    return MISSED if low > limit else OPEN
+
+
+def _robust(result: SuiteResult, learned: Record) -> list[Target]:
+    found: list[Target] = []
     tuned, bound = best(result, "tuned law"), _bound(result)
     label = describe(JUDGE).label
     for other, limit, what in (
@@ -411,7 +446,7 @@ def _robust(result: SuiteResult, learned: Record) -> list[tuple[str, bool]]:
     ):
         ratio = _compared(learned, other, ratio=True)
         if other is None or ratio is None:
-            found.append((f"{label}: {learned.title} cannot be held against {what}.", False))
+            found.append(Target(f"{label}: {learned.title} cannot be held against {what}.", OPEN))
             continue
         left, right = _pair(learned, other, JUDGE)
         text = (
@@ -419,17 +454,18 @@ def _robust(result: SuiteResult, learned: Record) -> list[tuple[str, bool]]:
             f"times {_claim(other, right, JUDGE)}, {what}, on {ratio.episodes} episodes; "
             f"the target is at most {limit:.3g} times."
         )
-        found.append((text, ratio.value <= limit))
+        found.append(Target(text, _verdict(ratio.ci95, limit)))
     if tuned is None or _compared(learned, tuned, ratio=True) is None:
         return found
-    left, right = _pair(learned, tuned, JUDGE)
-    apart = not touching(left, right)
+    metric = describe(JUDGE)
+    apart = difference(learned, tuned, JUDGE)
     text = (
-        f"{label}: the intervals of {_claim(learned, left, JUDGE)} and "
-        f"{_claim(tuned, right, JUDGE)} {'do not touch' if apart else 'touch'}; "
-        "the target is that the learned one's lies apart and below."
+        f"{label}: {learned.title} minus {tuned.title}, in pairs, is "
+        f"{_signed(apart, metric.scale)} {metric.unit} on {apart.episodes} episodes; the target is "
+        "less than 0."
     )
-    found.append((text, apart and left.value < right.value))
+    low, high = apart.ci95
+    found.append(Target(text, MET if high < 0.0 else MISSED if low > 0.0 else OPEN))
     found.extend(_not_worse(learned, tuned, name) for name in _NOT_WORSE)
     return found
 
@@ -445,52 +481,36 @@ def _claim(record: Record, found: Estimate, name: str) -> str:
     return f"{record.title} ({figures} {metric.unit})"
 
 
-def _not_worse(learned: Record, other: Record | None, name: str) -> tuple[str, bool]:
+def _signed(found: Compared, scale: float) -> str:
+    sign = "+" if found.value > 0.0 else ""
+    return sign + _with_interval(found.value, found.ci95, scale)
+
+
+def _not_worse(learned: Record, other: Record | None, name: str, which: str = "") -> Target:
     metric = describe(name)
     if (
         other is None
         or not all(name in side.metrics for side in (learned, other))
         or np.intersect1d(learned.episodes, other.episodes).size == 0
     ):
-        return f"{metric.label}: {learned.title} cannot be held against a law.", False
+        text = f"{metric.label}: {learned.title} cannot be held against a law."
+        return Target(text, OPEN)
     left, right = _pair(learned, other, name)
-    behind = left.value < right.value if metric.better == "higher" else left.value > right.value
-    worse = behind and not touching(left, right)
-    word = "worse" if worse else "not worse"
+    apart = difference(learned, other, name)
+    margin = MARGIN * abs(right.value)
+    low, high = apart.ci95
+    better_high = metric.better == "higher"
+    verdict = _verdict((-high, -low) if better_high else (low, high), margin)
+    limit = f"{'at least -' if better_high else 'at most '}{shown(margin, metric.scale)}"
     text = (
-        f"{metric.label}: {_claim(learned, left, name)} is {word} than "
-        f"{_claim(other, right, name)} on {left.episodes} episodes."
+        f"{metric.label}: {_claim(learned, left, name)} minus {_claim(other, right, name)}, in "
+        f"pairs, is {_signed(apart, metric.scale)} {metric.unit} on {left.episodes} episodes"
+        f"{which}; the target is {limit} {metric.unit}, {100 * MARGIN:g} % of the law's figure."
     )
-    return text, not worse
+    return Target(text, verdict)
 
 
 # --- figures --------------------------------------------------------------------------------------
-
-
-def _log(axis: Axis) -> None:
-    """Make an axis logarithmic with plain numbers; call it when everything is drawn."""
-    low, high = axis.get_view_interval()
-    narrow = low > 0.0 and high < 300.0 * low
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _styles(records: Sequence[Record]) -> list[dict[str, Any]]:
-    """A colour for each kind, line style and marker for each policy of a kind."""
-    seen: dict[str, int] = {}
-    styles = []
-    for record in records:
-        place = seen.setdefault(record.kind, 0)
-        seen[record.kind] += 1
-        styles.append(
-            {
-                "color": _COLOURS[record.kind],
-                "linestyle": _STYLES[place % len(_STYLES)],
-                "marker": _MARKERS[place % len(_MARKERS)],
-            }
-        )
-    return styles
 
 
 def _axis_label(name: str = JUDGE) -> str:
@@ -502,23 +522,38 @@ def _judged_records(result: SuiteResult) -> list[Record]:
     return [record for record in ordered(result) if JUDGE in record.metrics]
 
 
+def _episodes(record: Record, flown: int) -> str:
+    return f"{len(record.episodes):,} of {flown:,} episodes"
+
+
 def plot_suite(result: SuiteResult, path: Path, *, overwrite: bool = False) -> Path:
     """Draw the tip error RMS of every policy with its 95 % interval, the bound as a line.
 
-    The axis is logarithmic; the colour is that of the kind. Returns ``path``.
+    The axis is logarithmic. A policy that flew fewer episodes than others is drawn hollow, with
+    their number; a vertical stroke in its row is the bound on these same episodes. Returns
+    ``path``.
     """
     scale = describe(JUDGE).scale
-    records = _judged_records(result)
-    fig, axis = plt.subplots(figsize=(9.0, 1.6 + 0.38 * len(records)), layout="constrained")
+    records, bound, flown = _judged_records(result), _bound(result), _flown(result)
+    drawn = styles([record.policy for record in records])
+    fig, axis = single(size=(9.0, 1.6 + 0.42 * len(records)))
     axis.set_xscale("log")
-    for place, record in zip(range(len(records) - 1, -1, -1), records, strict=True):
+    names = []
+    for place, record, style in zip(range(len(records)), records, drawn, strict=True):
+        few = _partial(record, flown)
+        kind = "" if record.title == record.kind else f" ({record.kind})"
+        names.append(f"{record.title}{kind}" + (f"\n{_episodes(record, flown)}" if few else ""))
         found = estimate_of(record, JUDGE)
         value, (low, high) = found.value * scale, (edge * scale for edge in found.interval)
         if not math.isfinite(value):
             axis.annotate("diverged", (0.5, place), xycoords=("axes fraction", "data"))
             continue
-        if record.kind == "bound":
-            axis.axvline(value, color=_COLOURS["bound"], linestyle="--", linewidth=1.0)
+        if record is bound:
+            axis.axvline(value, color=style["color"], linestyle="--", linewidth=1.0)
+        elif few and bound is not None and np.isin(record.episodes, bound.episodes).all():
+            same = estimate_of(restricted(bound, record.episodes), JUDGE).value * scale
+            colour = POLICIES["bound"].colour
+            axis.plot([same, same], [place - 0.32, place + 0.32], color=colour, linewidth=1.6)
         # A percentile interval need not contain the estimate; an infinite end is not drawn.
         spread = [max(0.0, value - low), max(0.0, high - value)]
         spread = [length if math.isfinite(length) else 0.0 for length in spread]
@@ -526,20 +561,19 @@ def plot_suite(result: SuiteResult, path: Path, *, overwrite: bool = False) -> P
             value,
             place,
             xerr=[[spread[0]], [spread[1]]],
-            fmt="o",
             capsize=4,
-            color=_COLOURS[record.kind],
+            markerfacecolor="white" if few else style["color"],
+            **{**style, "linestyle": "none"},
         )
-    names = [
-        record.title if record.kind == "bound" else f"{record.title} ({record.kind})"
-        for record in reversed(records)
-    ]
     axis.set_yticks(range(len(records)), names)
-    axis.set_ylim(-0.6, len(records) - 0.4)
-    axis.set_xlabel(f"{_axis_label()}: interquartile mean, 95 % interval")
+    axis.set_ylim(len(records) - 0.4, -0.6)
+    told = f"{_axis_label()}: interquartile mean, 95 % interval"
+    if any(_partial(record, flown) for record in records):
+        told += "\nhollow: on fewer episodes than the others; stroke: the bound on the same ones"
+    axis.set_xlabel(told)
     axis.grid(alpha=0.3, which="both", axis="x")
     axis.set_title(_label(result), fontsize="medium")
-    _log(axis.xaxis)
+    plain_log(axis.xaxis)
     return save_figure(fig, path, overwrite=overwrite)
 
 
@@ -549,23 +583,30 @@ def plot_profiles(result: SuiteResult, path: Path, *, overwrite: bool = False) -
     The axis of the error is logarithmic. Returns ``path``.
     """
     scale = describe(JUDGE).scale
-    records = _judged_records(result)
-    fig, axis = plt.subplots(figsize=(10.0, 5.4), layout="constrained")
+    records, flown = _judged_records(result), _flown(result)
+    fig, axis = single(size=(10.0, 5.4))
     axis.set_xscale("log")
-    for record, style in zip(records, _styles(records), strict=True):
+    drawn = styles([record.policy for record in records])
+    for record, style in zip(records, drawn, strict=True):
         values = np.sort(judged(record, JUDGE), axis=None) * scale
         share = np.arange(1, values.size + 1) / values.size
         visible = np.isfinite(values) & (values > 0.0)
-        line = {key: style[key] for key in ("color", "linestyle")}
+        few = f"\n({_episodes(record, flown)})" if _partial(record, flown) else ""
         axis.step(
-            values[visible], share[visible], where="post", label=record.title, linewidth=1.4, **line
+            values[visible],
+            share[visible],
+            where="post",
+            label=f"{record.title}{few}",
+            linewidth=1.4,
+            color=style["color"],
+            linestyle=style["linestyle"],
         )
     axis.set_ylim(0.0, 1.02)
     axis.set_xlabel(_axis_label())
     axis.set_ylabel("fraction of runs at or below")
     axis.grid(alpha=0.3, which="both")
     axis.set_title(_label(result), fontsize="medium")
-    _log(axis.xaxis)
+    plain_log(axis.xaxis)
     fig.legend(loc="outside right upper", fontsize="small")
     return save_figure(fig, path, overwrite=overwrite)
 
@@ -573,18 +614,21 @@ def plot_profiles(result: SuiteResult, path: Path, *, overwrite: bool = False) -
 def plot_degradation(
     results: Sequence[SuiteResult], path: Path, *, overwrite: bool = False
 ) -> Path:
-    """Draw the tip error RMS of every policy from suite to suite with its 95 % intervals.
+    """Draw the tip error RMS of every policy in every suite with its 95 % intervals.
 
-    The axis of the error is logarithmic. Returns ``path``.
+    The suites have no order, so that no lines join them. The axis of the error is logarithmic; a
+    hollow point is on fewer episodes than those of others. Returns ``path``.
     """
     scale = describe(JUDGE).scale
     policies = _policies(results)
-    fig, axis = plt.subplots(figsize=(10.0, 5.4), layout="constrained")
+    fig, axis = single(size=(11.0, 5.4))
     axis.set_yscale("log")
     flights = [{record.policy: record for record in result.records} for result in results]
+    flown = [_flown(result) for result in results]
+    starred = _degradation(results)[2]
     middle = (len(policies) - 1) / 2.0
-    styles = _styles(list(policies.values()))
-    for number, ((policy, first), style) in enumerate(zip(policies.items(), styles, strict=True)):
+    drawn = styles(list(policies))
+    for number, ((policy, first), style) in enumerate(zip(policies.items(), drawn, strict=True)):
         figures = np.full((3, len(results)), np.nan)
         for column, records in enumerate(flights):
             if policy in records and JUDGE in records[policy].metrics:
@@ -593,22 +637,35 @@ def plot_degradation(
         figures[~np.isfinite(figures)] = np.nan
         value, low, high = figures
         # beside each other, so that intervals can be told apart
-        places = np.arange(len(results)) + 0.4 * (number - middle) / max(1, len(policies))
+        places = np.arange(len(results)) + 0.8 * (number - middle) / max(1, len(policies))
         spread = np.nan_to_num(np.maximum(0.0, [value - low, high - value]))
-        axis.errorbar(
-            places,
-            value,
-            yerr=spread,
-            label=first.title,
-            capsize=2,
-            markersize=4.5,
-            linewidth=1.2,
-            **style,
+        few = np.array(
+            [
+                policy in records and _partial(records[policy], count)
+                for records, count in zip(flights, flown, strict=True)
+            ]
         )
+        # the legend shows every policy once, filled
+        axis.plot([], [], label=first.title, **{**style, "linestyle": "none"})
+        for chosen, face in ((~few, style["color"]), (few, "white")):
+            axis.errorbar(
+                places[chosen],
+                value[chosen],
+                yerr=spread[:, chosen],
+                capsize=2,
+                markersize=5.0,
+                elinewidth=1.0,
+                markerfacecolor=face,
+                **{**style, "linestyle": "none"},
+            )
+    for border in range(1, len(results)):
+        axis.axvline(border - 0.5, color="0.85", linewidth=0.8)
+    axis.set_xlim(-0.5, len(results) - 0.5)
     axis.set_xticks(range(len(results)), [result.suite for result in results])
+    axis.set_xlabel("suite (hollow: on fewer episodes than the others)" if starred else "suite")
     axis.set_ylabel(f"{_axis_label()}: interquartile mean")
     axis.grid(alpha=0.3, which="both", axis="y")
-    _log(axis.yaxis)
+    plain_log(axis.yaxis)
     fig.legend(loc="outside right upper", fontsize="small")
     return save_figure(fig, path, overwrite=overwrite)
 
@@ -640,6 +697,9 @@ def plot_curves(
 ) -> Path:
     """Draw a metric over simulated steps and over wall time, laws as horizontal bands.
 
+    All axes are logarithmic: the methods need from seconds to half an hour. What was evaluated
+    before the first step is left out.
+
     Parameters
     ----------
     curves
@@ -659,29 +719,32 @@ def plot_curves(
         An array of another shape, or without rows.
     """
     display = describe(metric)
-    fig, axes = plt.subplots(1, 2, figsize=(12.0, 5.0), sharey=True, layout="constrained")
     drawn: dict[str, list[NDArray[np.float64]]] = {
         name: [np.asarray(run, dtype=np.float64) for run in runs] for name, runs in curves.items()
     }
     for name, runs in drawn.items():
         for run in runs:
             if run.ndim != 2 or run.shape[1] != 3 or run.shape[0] == 0:
-                plt.close(fig)
                 raise ValueError(f"a curve of {name!r} has shape {run.shape} instead of (k, 3)")
+    fig, grid = subplots(1, 2, size=(12.0, 5.0), sharey=True)
+    axes = list(grid[0])
+    looks = dict(zip([*drawn, *bands], styles([*drawn, *bands]), strict=True))
     sides = ((0, 1e-6, "simulated steps (millions)"), (1, 1.0 / 60.0, "wall time (min)"))
     for axis, (column, factor, label) in zip(axes, sides, strict=True):
+        axis.set_xscale("log")
         axis.set_yscale("log")
-        learned = ("#D55E00", "#CC79A7", "#E69F00", "#009E73", "#7B3294")
-        for number, (name, runs) in enumerate(drawn.items()):
-            colour = learned[number % len(learned)]
-            for run in runs:
-                value = np.where(np.isfinite(run[:, 2]), run[:, 2], np.nan)
+        for name in drawn:
+            line = {key: looks[name][key] for key in ("color", "linestyle")}
+            runs = [run[(run[:, 0] > 0.0) & (run[:, column] > 0.0)] for run in drawn[name]]
+            runs = [run for run in runs if len(run) > 0]
+            for begun in runs:
+                value = np.where(np.isfinite(begun[:, 2]), begun[:, 2], np.nan)
                 axis.plot(
-                    run[:, column] * factor,
+                    begun[:, column] * factor,
                     value * display.scale,
-                    color=colour,
                     linewidth=0.6,
                     alpha=0.5,
+                    **line,
                 )
             if runs:
                 places, middle = _between_seeds(runs, column)
@@ -689,23 +752,23 @@ def plot_curves(
                 axis.plot(
                     places * factor,
                     middle * display.scale,
-                    color=colour,
                     linewidth=2.2,
                     label=f"{name} ({len(runs)} {word})",
+                    **line,
                 )
-        for number, (name, found) in enumerate(bands.items()):
-            colour = ("#000000", "#0072B2", "#56B4E9")[number % 3]
-            style = _STYLES[(1 + number) % len(_STYLES)]
+        for name, found in bands.items():
+            line = {key: looks[name][key] for key in ("color", "linestyle")}
             level = found.value * display.scale
             low, high = (edge * display.scale for edge in found.interval)
             if not math.isfinite(level):
                 continue
             if math.isfinite(low) and math.isfinite(high):
-                axis.axhspan(low, high, color=colour, alpha=0.15, linewidth=0.0)
-            axis.axhline(level, color=colour, linestyle=style, linewidth=1.2, label=name)
+                axis.axhspan(low, high, color=line["color"], alpha=0.15, linewidth=0.0)
+            axis.axhline(level, linewidth=1.2, label=name, **line)
         axis.set_xlabel(label)
         axis.grid(alpha=0.3, which="both")
-        _log(axis.yaxis)
+        plain_log(axis.xaxis)
+        plain_log(axis.yaxis)
     axes[0].set_ylabel(_axis_label(metric))
     handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside right upper", fontsize="small")

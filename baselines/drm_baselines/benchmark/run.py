@@ -11,7 +11,7 @@ import csv
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from drm_baselines.benchmark.field import LEARNERS, Competitor, Progress, runs_i
 from drm_baselines.benchmark.results import SuiteResult, read_record, write_record
 from drm_baselines.benchmark.suites import SUITES, Manoeuvres, load
 from drm_baselines.errors import RunError
+from drm_baselines.policy_names import title_of
 from drm_baselines.runs import EVALUATIONS_FILE
 
 RECORDS = "records"
@@ -80,7 +81,8 @@ def fly_suite(
         wanted = fingerprint(competitor, manoeuvres)
         if not again and _stamp_of(stamp) == wanted:
             try:
-                records.append(read_record(path))
+                # a record keeps what flew; its title is today's
+                records.append(replace(read_record(path), title=competitor.title))
             except RunError as error:
                 if told is not None:
                     told(f"{error}; flown again")
@@ -104,28 +106,12 @@ def _stamp_of(path: Path) -> str | None:
     return found if isinstance(found, str) else None
 
 
-def exact_mass(result: SuiteResult) -> SuiteResult:
-    """Return the part of a suite's result whose reported mass is the true one."""
-    manoeuvres = load(result.suite)
-    exact = [
-        index
-        for index, scenario in enumerate(manoeuvres.scenarios)
-        if scenario["mass_error"] == 0.0
-    ]
-    return report.restricted_result(result, exact)
-
-
-def targets_of(result: SuiteResult) -> list[tuple[str, bool]]:
-    """Return what the benchmark asks of learned policies in a suite, and whether it is met."""
-    return report.targets(exact_mass(result) if result.suite == "thesis" else result)
-
-
 def targets_text(results: Sequence[SuiteResult]) -> str:
     """Return the targets of all suites as a Markdown list."""
     lines = [
-        f"- {'met' if met else '**missed**'}: `{result.suite}`: {text}"
+        f"- {'**missed**' if verdict == report.MISSED else verdict}: `{result.suite}`: {text}"
         for result in results
-        for text, met in targets_of(result)
+        for text, verdict in report.targets(result)
     ]
     return "\n".join(lines) if lines else "No suite with targets was flown."
 
@@ -133,7 +119,7 @@ def targets_text(results: Sequence[SuiteResult]) -> str:
 def curves_of(learned: Path) -> dict[str, list[NDArray[np.float64]]]:
     """Return learning curves by method: steps, wall time (s), tip error (m), a row a point."""
     found: dict[str, list[NDArray[np.float64]]] = {}
-    for method, (title, _) in LEARNERS.items():
+    for method in LEARNERS:
         for directory in runs_in(learned / method).values():
             path = directory / EVALUATIONS_FILE
             if not path.is_file():
@@ -144,7 +130,7 @@ def curves_of(learned: Path) -> dict[str, list[NDArray[np.float64]]]:
                     for row in csv.DictReader(stream)
                 ]
             if rows:
-                found.setdefault(title, []).append(np.array(rows))
+                found.setdefault(title_of(method), []).append(np.array(rows))
     return found
 
 

@@ -96,8 +96,8 @@ def benchmark(
         results.append(result)
         console.print(f"{name}: flights took {time.monotonic() - begun:.0f} s", highlight=False)
         console.print(report.terminal_table(result))
-        for text, met in run.targets_of(result):
-            console.print(f"{'met   ' if met else 'missed'} {text}", highlight=False)
+        for text, verdict in report.targets(result):
+            console.print(f"{verdict}: {text}", highlight=False)
     figures = run.draw(results, out / "figures", learned or field.shipped_runs())
     written = [report.write_page(results, out / "benchmark.html", figures, overwrite=True)]
     if as_json is not None:
