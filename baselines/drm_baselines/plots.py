@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from drm_baselines.figures import plain_log, save_figure, single, subplots
 from drm_baselines.metrics import describe
-from drm_baselines.policy_names import styles, title_of
+from drm_baselines.policy_names import OKABE_ITO, styles, title_of
 from drm_baselines.records import Episodes, headline
 from drm_baselines.statistics import Estimate
 
@@ -61,8 +61,8 @@ def plot_manoeuvres(
     axes[0].plot(
         reference["time"],
         reference["reference_angle"] * _DEGREES,
-        color="0.6",
-        linewidth=3.0,
+        color=OKABE_ITO["yellow"],
+        linewidth=4.0,
         zorder=0,
         label="reference",
     )

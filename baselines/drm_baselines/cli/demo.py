@@ -31,6 +31,7 @@ from drm_baselines.comparison import (
 from drm_baselines.hyperparameters import load_hyperparameters
 from drm_baselines.metrics import describe
 from drm_baselines.policies import LAWS
+from drm_baselines.policy_names import title_of
 from drm_baselines.statistics import Estimate
 from drm_baselines.tables import comparison_tables, metrics_table, paired_table
 
@@ -41,6 +42,7 @@ STEPS = 2_560_000
 CURVE_EPISODES = 100
 """Episodes behind each point of the learning curve."""
 
+_AGENT = "inner law + PPO"
 _MASS_ERRORS = (0.0, 0.15, -0.15)
 
 
@@ -64,7 +66,9 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
         flights = {
             law: drm_env.simulate({"mass_error": error}, law=law, decimation=5) for law in LAWS
         }
-        rows.update({f"{law}, payload {told}": flight.metrics for law, flight in flights.items()})
+        rows.update(
+            {f"{title_of(law)}, payload {told}": flight.metrics for law, flight in flights.items()}
+        )
         files.append(
             plots.plot_manoeuvres(
                 flights,
@@ -124,6 +128,7 @@ def _learning_curve(
         {name: np.asarray(table[name], dtype=np.float64) for name in names},
         bands,
         path,
+        label=_AGENT,
         title=f"learning on {ENV_ID}, and the laws on the same episodes",
         overwrite=overwrite,
     )
@@ -188,7 +193,7 @@ def demo(
 
     arena = Arena(env_id=ENV_ID, seed=0, episodes=episodes)
     inner = contestant_of_inner_law(arena, arena.config, ENV_ID)
-    agent = contestant_of_run(arena, run, label="inner law + PPO")
+    agent = contestant_of_run(arena, run, label=_AGENT)
     contestants = [*(contestant_of_law(name) for name in LAWS), inner, agent]
     with flight_progress() as progress:
         flights = fly_all(contestants, arena, progress)
