@@ -24,7 +24,7 @@ DESCRIPTION: dict[str, Any] = {
     "env_id": "drm_env/SlewResidual-v0",
     "config": {},
     "control_period": 0.02,
-    "observation_layout": [["a", "m", 1.0, None, None]] * 3,
+    "observation_layout": [["a", "m", 1.0, -1.0, 1.0]] * 3,
 }
 
 

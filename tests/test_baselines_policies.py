@@ -11,7 +11,7 @@ import pytest
 import drm_env
 from drm_baselines import PolicyError, make_policy
 
-# laws at the default period are tested here; that they warn is tested elsewhere
+# laws at the default period, and observations made up here; that both warn is tested elsewhere
 pytestmark = pytest.mark.filterwarnings("ignore::drm_baselines.PolicyWarning")
 
 FEEDBACK = ("linear", "lyapunov")
@@ -26,18 +26,6 @@ def observations_of(env_id: str, count: int, **options: Any) -> np.ndarray[Any, 
         rows.append(env.step(0.002 * env.action_space.sample())[0])
     env.close()
     return np.array(rows)
-
-
-def observation_with(**measured: float) -> np.ndarray[Any, Any]:
-    """An observation that is zero but for measured quantities, SI, each with its fine entry."""
-    layout = drm_env.observation_layout()
-    index = {entry.name: place for place, entry in enumerate(layout)}
-    observation = np.zeros(len(layout), dtype=np.float32)
-    for name, value in measured.items():
-        fine = np.arcsinh(value / (1e-4 if name == "link2_deflection_rate" else 1e-5))
-        for place, shown in ((index[name], value), (index[f"{name}_fine"], fine)):
-            observation[place] = shown / layout[place].scale
-    return observation
 
 
 @pytest.mark.parametrize("name", ["none", *FEEDBACK])
@@ -67,9 +55,13 @@ def test_a_batch_is_its_rows_one_by_one(name: str) -> None:
 
 def test_linear_law_is_its_equation() -> None:
     # T1 = -8e4 e' - 8e3 e, T2 = -500 beta', beta' half of link 2's tip deflection rate.
-    observation = observation_with(
-        slew_error=1e-3, slew_error_rate=2e-4, link2_deflection_rate=6e-3
-    )
+    layout = {entry.name: index for index, entry in enumerate(drm_env.observation_layout())}
+    scale = {entry.name: entry.scale for entry in drm_env.observation_layout()}
+    observation = np.zeros(len(layout), dtype=np.float32)
+    for name, value in (
+        ("slew_error", 1e-3), ("slew_error_rate", 2e-4), ("link2_deflection_rate", 6e-3),
+    ):  # fmt: skip
+        observation[layout[name]] = value / scale[name]
     action, _ = make_policy("linear").predict(observation)
     np.testing.assert_allclose(action * [100.0, 10.0], [-16.0 - 8.0, -500.0 * 3e-3], rtol=1e-5)
 
@@ -78,9 +70,9 @@ def test_lyapunov_memory_is_cleared_where_an_episode_starts() -> None:
     policy = make_policy("lyapunov")
     names = [entry.name for entry in drm_env.observation_layout()]
     before = np.zeros((2, len(names)), dtype=np.float32)
-    after = np.stack([observation_with(slew_error_rate=2e-5)] * 2)
-    for observations in (before, after):
-        observations[:, names.index("extension")] = 0.5
+    before[:, names.index("extension")] = 0.5
+    after = before.copy()
+    after[:, names.index("slew_error_rate")] = 1e-3
     fresh, _ = policy.predict(after)
     _, state = policy.predict(before)
     cleared, _ = policy.predict(after, state=state, episode_start=np.array([True, False]))

@@ -229,18 +229,23 @@ class Contexts:
 
 
 class ObservationCheck:
-    """Refuses observations that no environment of a layout can have given.
+    """Tells observations that no environment of a layout can have given.
 
     Four quantities are in an observation twice, once as they are and once as asinh(x / x0). If an
     observation has been scaled, normalised, shifted or reordered, the two contradict each other.
+    It may be meant so (noise that somebody has added), so that a policy warns, once.
 
     Parameters
     ----------
+    name
+        What the policy is called in messages.
     layout
         Name, unit, scale, low and high of each entry, as of ``drm_env.observation_layout``.
     """
 
-    def __init__(self, layout: Sequence[Sequence[Any]]) -> None:
+    def __init__(self, name: str, layout: Sequence[Sequence[Any]]) -> None:
+        self._name = name
+        self._warned = False
         self._names = [str(entry[0]) for entry in layout]
         self._low, self._high = (
             np.array([infinite if e[i] is None else e[i] for e in layout], dtype=np.float64)
@@ -268,30 +273,53 @@ class ObservationCheck:
         Raises
         ------
         PolicyError
-            Values that are not finite or beyond their bounds, or entries that contradict each
-            other. The message names entry and value.
+            A value that is not finite; the message names entry and value.
+
+        Warns
+        -----
+        PolicyWarning
+            The first time that values are beyond their bounds or contradict each other.
         """
         values = np.asarray(observations, dtype=np.float64)
-        if not ((values >= self._low) & (values <= self._high)).all():
-            wrong = ~((values >= self._low) & (values <= self._high))
-            row, column = (int(place[0]) for place in np.nonzero(wrong))
+        if not np.isfinite(values).all():
+            row, column = (int(place[0]) for place in np.nonzero(~np.isfinite(values)))
             raise PolicyError(
-                f"observation[{column}], {self._names[column]!r}, is {values[row, column]:g}, "
-                f"not within {self._low[column]:g} and {self._high[column]:g}"
+                f"observation[{column}], {self._names[column]!r}, must be finite, got "
+                f"{values[row, column]}"
+            )
+        if self._warned:
+            return
+        wrong = self._wrong(values)
+        if wrong is not None:
+            self._warned = True
+            warn(
+                f"the observation given to the policy {self._name!r} is none of its environment: "
+                f"{wrong}. Was it scaled, normalised or reordered by a wrapper? A policy needs it "
+                "as drm-env makes it"
+            )
+
+    def _wrong(self, values: _Array) -> str | None:
+        """What of the observations cannot be, if anything."""
+        beyond = (values < self._low) | (values > self._high)
+        if beyond.any():
+            row, column = (int(place[0]) for place in np.nonzero(beyond))
+            return (
+                f"{self._names[column]!r} is {values[row, column]:g}, not within "
+                f"{self._low[column]:g} and {self._high[column]:g}"
             )
         plain, fine = values[:, self._plain], values[:, self._fine]
         # where an entry is clipped at its bound, its partner tells more than it does
         clipped = np.abs(plain) >= self._high[self._plain]
         apart = np.abs(np.arcsinh(plain * self._factor) / self._scale - fine)
         apart[clipped] = 0.0
-        if (apart > _TOLERANCE).any():
-            row, pair = (int(place[0]) for place in np.nonzero(apart > _TOLERANCE))
-            name = self._names[self._plain[pair]]
-            raise PolicyError(
-                f"the observation contradicts itself: {name!r} is {plain[row, pair]:g}, but its "
-                f"fine entry {fine[row, pair]:g}; it was scaled, normalised or made otherwise than "
-                "by the environment (check_observations=False on the policy takes it as it is)"
-            )
+        if not (apart > _TOLERANCE).any():
+            return None
+        row, pair = (int(place[0]) for place in np.nonzero(apart > _TOLERANCE))
+        name = self._names[self._plain[pair]]
+        return (
+            f"{name!r} is {plain[row, pair]:g}, which its fine entry of {fine[row, pair]:g} "
+            "contradicts"
+        )
 
 
 # --- tasks ----------------------------------------------------------------------------------------

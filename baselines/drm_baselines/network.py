@@ -149,8 +149,7 @@ class NetworkPolicy:
     """A trained network behind the ``predict`` call of Stable-Baselines3.
 
     ``control_period`` is the time between two decisions it was trained with, in s; ``env_id``
-    and ``config`` are the environment it was trained in. Observations that this environment cannot
-    have given are refused unless ``check_observations`` is set to ``False``.
+    and ``config`` are the environment it was trained in.
     """
 
     def __init__(self, network: Perceptron, description: Mapping[str, Any]) -> None:
@@ -160,8 +159,7 @@ class NetworkPolicy:
         self.env_id = str(description["env_id"])
         self.config: dict[str, Any] = dict(description["config"])
         self.name = "learned"
-        self.check_observations = True
-        self._check = ObservationCheck(description["observation_layout"])
+        self._check = ObservationCheck(self.name, description["observation_layout"])
 
     def check_task(self, config: drm_env.EnvConfig) -> None:
         """Refuse an environment whose observations or actions are not those of the training.
@@ -188,9 +186,14 @@ class NetworkPolicy:
         Raises
         ------
         PolicyError
-            Wrong observation size, values beyond their bounds, entries that contradict each other
-            (a scaled or normalised observation), or a random action was asked for (exported
-            policies carry no exploration noise).
+            Wrong observation size, values that are not finite, or a random action was asked for
+            (exported policies carry no exploration noise).
+
+        Warns
+        -----
+        PolicyWarning
+            Once, of observations that the environment it was trained in cannot give: scaled,
+            normalised or reordered ones.
         """
         if not deterministic:
             raise PolicyError(
@@ -203,8 +206,7 @@ class NetworkPolicy:
                 f"on {self.network.inputs} entries"
             )
         batch = np.atleast_2d(array)
-        if self.check_observations:
-            self._check(batch)
+        self._check(batch)
         actions = self.network(batch)
         return (actions[0] if array.ndim == 1 else actions), state
 

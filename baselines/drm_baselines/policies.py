@@ -72,8 +72,7 @@ _MOST_ARMS = 256
 class LawPolicy:
     """A control law of the engine, acting on observations.
 
-    ``control_period`` is the sampling period that the law was made for, in s. Observations that the
-    environment cannot have given are refused unless ``check_observations`` is set to ``False``.
+    ``control_period`` is the sampling period that the law was made for, in s.
 
     Parameters
     ----------
@@ -99,11 +98,10 @@ class LawPolicy:
         self.law = dict(law)
         self.name = str(law["name"])
         self.config = config
-        self.check_observations = True
         task = config.task
         layout = drm_env.observation_layout(config=config)
         self._size = len(layout)
-        self._check = ObservationCheck(layout)
+        self._check = ObservationCheck(self.name, layout)
         self._actuators = [str(getattr(name, "value", name)) for name in task.actuators]
         self._law = drm_env.ControlLaw(self.law, config=config)
         self._arms: dict[tuple[float, ...], drm_env.ControlLaw] = {}
@@ -168,9 +166,14 @@ class LawPolicy:
         Raises
         ------
         PolicyError
-            Wrong observation size, values beyond their bounds, entries that contradict each other
-            (a scaled or normalised observation), a state of another batch size, or other
-            episodes than those of the environment that the policy was made for.
+            Wrong observation size, values that are not finite, a state of another batch size, or
+            other episodes than those of the environment that the policy was made for.
+
+        Warns
+        -----
+        PolicyWarning
+            Once, of observations that the environment cannot give: scaled, normalised or
+            reordered ones.
         """
         single = np.ndim(observation) == 1
         batch = self._batch(observation)
@@ -207,7 +210,7 @@ class LawPolicy:
                 f"{self._size} entries"
             )
         batch = np.atleast_2d(array)
-        if self.check_observations and self.name != "none":
+        if self.name != "none":
             self._check(batch)
         return batch
 

@@ -26,8 +26,9 @@ def compare(
     policies: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Control laws (none, linear, lyapunov) or directories of training runs; "
-            "all three laws by default. The first is the reference of the paired comparison.",
+            help="Policies by name (none, linear, lyapunov, linear_tuned, lyapunov_tuned, lqr, "
+            "learned) or directories of training runs; the first three by default. "
+            "The first is the reference of the paired comparison.",
             show_default=False,
         ),
     ] = None,

@@ -23,8 +23,9 @@ def evaluate(
     policy: Annotated[
         str,
         typer.Option(
-            help="A control law (none, linear, lyapunov) or the directory of a training "
-            "run. A run is read from policy.safetensors and policy.json alone."
+            help="A policy by name (none, linear, lyapunov, linear_tuned, lyapunov_tuned, lqr, "
+            "learned) or the directory of a training run. "
+            "A run is read from policy.safetensors and policy.json alone."
         ),
     ],
     env_id: Annotated[
