@@ -7,6 +7,8 @@ refused request from a bug.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class BaselineError(Exception):
     """A request that cannot be carried out; the message says which value is at fault."""
@@ -26,3 +28,28 @@ class RunError(BaselineError):
 
 class ExistingResultError(BaselineError):
     """Results that exist already and would have been overwritten."""
+
+
+class WriteError(BaselineError):
+    """A result that could not be written: no room, no permission, no such place."""
+
+
+def missing_extra(purpose: str, extra: str, error: ImportError) -> BaselineError:
+    """Return the error for a package that only an extra of this distribution installs.
+
+    Parameters
+    ----------
+    purpose
+        What needs it, such as ``"training"``.
+    extra
+        ``"learn"``, ``"tune"`` or ``"bench"``.
+    error
+        What importing it said.
+    """
+    source = Path(__file__).resolve().parents[1]
+    where = str(source) if (source / "pyproject.toml").is_file() else "./baselines"
+    place = "" if where == str(source) else " in a clone of the project"
+    return BaselineError(
+        f"{purpose} needs the extra {extra!r}: {error}. Install it with: "
+        f"python -m pip install '{where}[{extra}]'{place}"
+    )

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
+from drm_baselines import memory
 from drm_baselines.compatibility import check_period
 from drm_baselines.errors import BaselineError
 from drm_baselines.network import NetworkPolicy
@@ -34,6 +35,8 @@ TRAINING_SEED = 1_000_000_000
 """Offset of the seeds that training environments use: no evaluation should reach it."""
 
 _CHUNK = 256
+_EPISODE_BYTES = 16_000
+"""What an episode takes: its scenario as data and as text, metrics, context and record."""
 
 
 def episode_seeds(seed: int, episodes: int) -> list[int]:
@@ -42,7 +45,8 @@ def episode_seeds(seed: int, episodes: int) -> list[int]:
     Raises
     ------
     BaselineError
-        A negative seed, no episodes, or seeds that training may have flown.
+        A negative seed, no episodes, more than fit into memory, or seeds that training may have
+        flown.
     """
     if episodes < 1:
         raise BaselineError(f"episodes must be at least 1, got {episodes}")
@@ -53,6 +57,7 @@ def episode_seeds(seed: int, episodes: int) -> list[int]:
             f"seeds {seed}..{seed + episodes - 1} reach those kept for training "
             f"({TRAINING_SEED} and above)"
         )
+    memory.require(episodes * _EPISODE_BYTES, f"{episodes:,} episodes")
     return list(range(seed, seed + episodes))
 
 

@@ -13,7 +13,6 @@ weights that are exactly the float32 arrays it announces, with the digest it sta
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import re
@@ -30,6 +29,7 @@ import drm_env
 from drm_baselines import storage
 from drm_baselines.compatibility import ObservationCheck, check_trained_task
 from drm_baselines.errors import PolicyError, RunError
+from drm_baselines.reading import parse_json, shown
 
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
@@ -44,8 +44,6 @@ MAX_LAYERS = 16
 """Most layers of an exported policy."""
 MAX_LAYER_SIZE = 4096
 """Most inputs or outputs of a layer of an exported policy."""
-MAX_NESTING = 32
-"""Deepest nesting of a description."""
 
 _MAX_HEADER_BYTES = 64 << 10  # of the weights: 32 arrays with short names
 
@@ -224,7 +222,7 @@ def save_policy(
     PolicyError
         A network that :func:`load_policy` would refuse for its size; nothing has been written.
     """
-    from safetensors.numpy import save_file
+    from safetensors.numpy import save
 
     layers = [list(weight.shape) for weight in network.weights]
     if wrong := _misfit_of(layers):
@@ -235,7 +233,8 @@ def save_policy(
         arrays[f"layers.{index}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
     weights = directory / WEIGHTS_FILE
     with storage.atomic_path(weights, overwrite=overwrite) as temporary:
-        save_file(arrays, temporary)
+        # not by its own writer, whose errors (a full disk) are of a class of their own
+        temporary.write_bytes(save(arrays))
     content = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -278,30 +277,6 @@ def _read_file(path: Path, limit: int) -> bytes:
     return content
 
 
-# Possessive, and a string need not end: the time is linear in the length whatever is read.
-_BRACKETS = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{]|[\]}]', re.DOTALL)
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is not a number")
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text[:40]} is too large a number")
-    return value
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in pairs:
-        if name in found:
-            raise ValueError(f"{_shown(name)} is there twice")
-        found[name] = value
-    return found
-
-
 def _parse_object(content: bytes, what: str) -> dict[str, Any]:
     """Return the JSON object in ``content``: not nested deeply, names unique, numbers finite.
 
@@ -311,28 +286,12 @@ def _parse_object(content: bytes, what: str) -> dict[str, Any]:
         Anything else; the message begins with ``what``.
     """
     try:
-        text = content.decode("utf-8")
-        depth = 0
-        for match in _BRACKETS.finditer(text):
-            depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(match.group(), 0)
-            if depth > MAX_NESTING:
-                raise ValueError(f"it is nested more than {MAX_NESTING} deep")
-        found = json.loads(
-            text,
-            parse_constant=_refuse_constant,
-            parse_float=_finite,
-            object_pairs_hook=_unique,
-        )
+        found = parse_json(content.decode("utf-8"))
     except ValueError as error:
         raise RunError(f"{what} cannot be read: {error}") from error
     if not isinstance(found, dict):
-        raise RunError(f"{what} is not a JSON object, but {_shown(found)}")
+        raise RunError(f"{what} is not a JSON object, but {shown(found)}")
     return found
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _is_number(value: Any) -> bool:
@@ -355,16 +314,16 @@ def _is_entry(value: Any) -> bool:
 def _misfit_of(layers: Any) -> str | None:
     """Return what is wrong with the (outputs, inputs) of layers, if anything."""
     if not isinstance(layers, list) or not 1 <= len(layers) <= MAX_LAYERS:
-        return f"layers must be a list of 1 to {MAX_LAYERS} layer sizes, got {_shown(layers)}"
+        return f"layers must be a list of 1 to {MAX_LAYERS} layer sizes, got {shown(layers)}"
     before: int | None = None
     for index, layer in enumerate(layers):
         if not isinstance(layer, list) or len(layer) != 2:
-            return f"layers[{index}] must be outputs and inputs, got {_shown(layer)}"
+            return f"layers[{index}] must be outputs and inputs, got {shown(layer)}"
         for size in layer:
             if type(size) is not int or not 1 <= size <= MAX_LAYER_SIZE:
                 return (
                     f"layers[{index}] must be layer sizes from 1 to {MAX_LAYER_SIZE}, "
-                    f"got {_shown(layer)}"
+                    f"got {shown(layer)}"
                 )
         if before is not None and layer[1] != before:
             return f"layer sizes do not fit: layers[{index}] takes {layer[1]} of {before} inputs"
@@ -408,7 +367,7 @@ def _read_description(path: Path) -> dict[str, Any]:
     version = content.get("format_version")
     if type(version) is not int or version != FORMAT_VERSION:
         raise RunError(
-            f"{path} has format version {_shown(version)}; this version of drm-baselines "
+            f"{path} has format version {shown(version)}; this version of drm-baselines "
             f"reads {FORMAT_VERSION}"
         )
     missing = [name for name in ("layers", *_FIELDS) if name not in content]
@@ -416,12 +375,12 @@ def _read_description(path: Path) -> dict[str, Any]:
         raise RunError(f"{path} lacks {', '.join(missing)}")
     for name, (form, fits) in _FIELDS.items():
         if not fits(content[name]):
-            raise RunError(f"{path}: {name} must be {form}, got {_shown(content[name])}")
+            raise RunError(f"{path}: {name} must be {form}, got {shown(content[name])}")
     if wrong := _misfit_of(content["layers"]):
         raise RunError(f"{path}: {wrong}")
     if content.get("weights_file", WEIGHTS_FILE) != WEIGHTS_FILE:
         raise RunError(
-            f"{path}: weights_file must be {WEIGHTS_FILE}, got {_shown(content['weights_file'])}"
+            f"{path}: weights_file must be {WEIGHTS_FILE}, got {shown(content['weights_file'])}"
         )
     entries, inputs = len(content["observation_layout"]), content["layers"][0][1]
     if entries != inputs:
@@ -456,18 +415,18 @@ def _check_header(content: bytes, shapes: Mapping[str, list[int]], path: Path) -
     header.pop("__metadata__", None)
     for verb, names in (("lacks", shapes.keys() - header), ("also holds", header.keys() - shapes)):
         if names:
-            raise RunError(f"{path} {verb} the array {_shown(min(names))}")
+            raise RunError(f"{path} {verb} the array {shown(min(names))}")
     for name, shape in shapes.items():
         entry = header[name]
         dtype, found = (
             (entry.get("dtype"), entry.get("shape")) if isinstance(entry, dict) else (None, None)
         )
         if dtype != "F32":
-            raise RunError(f"{path}: {name} must hold float32 (F32), got {_shown(dtype)}")
+            raise RunError(f"{path}: {name} must hold float32 (F32), got {shown(dtype)}")
         if found != shape:
             raise RunError(
                 f"{path} has other layer sizes than {DESCRIPTION_FILE} says: {name} has shape "
-                f"{_shown(found)} instead of {shape}"
+                f"{shown(found)} instead of {shape}"
             )
     size = 4 * sum(math.prod(shape) for shape in shapes.values())
     if len(content) != 8 + length + size:

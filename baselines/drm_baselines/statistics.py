@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 RESAMPLES = 4000
 CONFIDENCE = 0.95
 _TRIM = 0.25
 _BEYOND = 1e100
+_BATCH_VALUES = 1 << 24  # 128 MiB of resampled values at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,11 +93,18 @@ def _vector(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 def interquartile_mean(values: ArrayLike) -> float:
     """Return the mean of the middle half of ``values`` (1-D, no NaN)."""
-    return float(stats.trim_mean(_vector(values, "values"), _TRIM))
+    return float(_trim_mean(_vector(values, "values")))
+
+
+def _trim_mean(values: NDArray[np.float64], axis: int = 0) -> Any:
+    # imported where it is used: it takes a second, which tables of single flights need not wait for
+    from scipy import stats
+
+    return stats.trim_mean(values, _TRIM, axis=axis)
 
 
 def _interquartile_axis(sample: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-    return np.asarray(stats.trim_mean(sample, _TRIM, axis=axis))
+    return np.asarray(_trim_mean(sample, axis=axis))
 
 
 def _mean_axis(sample: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
@@ -108,6 +116,8 @@ def _real(value: float) -> float:
 
 
 def _estimate(values: NDArray[np.float64], seed: int, *, trimmed: bool) -> Estimate:
+    from scipy import stats
+
     statistic = _interquartile_axis if trimmed else _mean_axis
     # Quantiles of the resampled figures cannot be interpolated at infinity, so that diverged
     # episodes enter as a value beyond any real one and leave as what they are.
@@ -124,7 +134,7 @@ def _estimate(values: NDArray[np.float64], seed: int, *, trimmed: bool) -> Estim
         method="percentile",
         vectorized=True,
         axis=-1,
-        batch=500,
+        batch=max(1, min(500, _BATCH_VALUES // finite.size)),
         rng=np.random.default_rng(seed),
     )
     interval = result.confidence_interval

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines.errors import ExistingResultError, RunError
+from drm_baselines.errors import ExistingResultError, RunError, WriteError
 
 
 def refuse(path: Path) -> NoReturn:
@@ -42,24 +42,42 @@ def atomic_path(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     ------
     ExistingResultError
         ``path`` exists and ``overwrite`` is false.
+    WriteError
+        The system refuses: no room, no permission. What was in ``path`` is still there.
     """
     if path.exists() and not overwrite:
         refuse(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(
-        dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix or ".tmp"
-    )
-    os.close(handle)
-    temporary = Path(name)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.stem[:100]}-", suffix=path.suffix or ".tmp"
+        )
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            # mkstemp makes files private to the user; results are ordinary files.
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the system refuses into an error that names ``path``.
+
+    Raises
+    ------
+    WriteError
+        No room, no permission, no such place.
+    """
     try:
-        yield temporary
-        # mkstemp makes files private to the user; results are ordinary files.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        raise WriteError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 def write_text(path: Path, text: str, *, overwrite: bool = False) -> Path:
@@ -122,13 +140,13 @@ def load_arrays(path: Path, digest: str) -> dict[str, NDArray[Any]] | None:
         raise RunError(f"{path} cannot be read: {error}; delete it to make it anew") from error
 
 
-def claim_directory(directory: Path, *, force: bool = False) -> Path:
-    """Make ``directory`` for new results; an existing one must be empty or ``force`` given.
+def check_directory(directory: Path, *, force: bool = False) -> None:
+    """Refuse a directory that :func:`claim_directory` refuses, without making it.
 
     Raises
     ------
     ExistingResultError
-        The path is a file, or holds something already.
+        The path is a file, or holds something already and ``force`` is false.
     """
     if directory.exists() and not directory.is_dir():
         raise ExistingResultError(f"{directory} is a file, not a directory")
@@ -136,8 +154,45 @@ def claim_directory(directory: Path, *, force: bool = False) -> Path:
         raise ExistingResultError(
             f"{directory} is not empty; give --force to replace its files, or another directory"
         )
-    directory.mkdir(parents=True, exist_ok=True)
+
+
+def claim_directory(directory: Path, *, force: bool = False) -> Path:
+    """Make ``directory`` for new results; an existing one must be empty or ``force`` given.
+
+    Raises
+    ------
+    ExistingResultError
+        The path is a file, or holds something already.
+    WriteError
+        It cannot be made, or nothing can be written there.
+    """
+    check_directory(directory, force=force)
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
     return directory
+
+
+def claim_file(path: Path, *, force: bool = False) -> Path:
+    """Check, before long work, that ``path`` can be written when it is done; return ``path``.
+
+    Raises
+    ------
+    ExistingResultError
+        The path is a directory, or a file is there and ``force`` is not given.
+    WriteError
+        Nothing can be written there.
+    """
+    if path.is_dir():
+        raise ExistingResultError(f"{path} is a directory, not a file")
+    if path.exists() and not force:
+        refuse(path)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    return path
 
 
 def sha256_of(path: Path) -> str:

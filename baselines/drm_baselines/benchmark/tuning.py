@@ -36,11 +36,12 @@ import numpy as np
 import drm_env
 from drm_baselines import hyperparameters, storage
 from drm_baselines.benchmark import regulator, suites
-from drm_baselines.errors import BaselineError, ExistingResultError
+from drm_baselines.errors import BaselineError, ExistingResultError, missing_extra
 from drm_baselines.evaluation import TRAINING_SEED, environment_config
 from drm_baselines.hyperparameters import Hyperparameters
 from drm_baselines.interruption import stop_on_signal
 from drm_baselines.metrics import describe
+from drm_baselines.reading import read_table, shown
 from drm_baselines.statistics import interquartile_mean
 
 if TYPE_CHECKING:
@@ -717,9 +718,7 @@ def tune_learning(
     try:
         from drm_baselines import training
     except ImportError as error:
-        raise BaselineError(
-            f"training needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
-        ) from error
+        raise missing_extra("training", "learn", error) from error
     base = hyperparameters.load_hyperparameters(request.algorithm, request.base)
     environment_config(request.env_id, base.env)
     show = progress or _silent
@@ -963,15 +962,12 @@ class _Search:
 
     def _check_settings(self) -> None:
         path = self.directory / SETTINGS_FILE
-        try:
-            stored = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise BaselineError(f"{path} cannot be read: {error}") from error
-        if not isinstance(stored, dict) or stored.pop("format", None) != SETTINGS_FORMAT:
+        stored = read_table(path, "record of a search")
+        if stored.pop("format", None) != SETTINGS_FORMAT:
             raise ExistingResultError(f"{path} is not the record of a search; take another --out")
         version = stored.pop("format_version", None)
         if version != FORMAT_VERSION:
-            raise BaselineError(f"{path} has format version {version!r}, not {FORMAT_VERSION}")
+            raise BaselineError(f"{path} has format version {shown(version)}, not {FORMAT_VERSION}")
         wanted = storage.plain(dict(self.settings))
         for name in [*wanted, *(name for name in stored if name not in wanted)]:
             old, new = stored.get(name), wanted.get(name)
@@ -1023,10 +1019,10 @@ def write_trials(path: Path, trials: Sequence[Trial], space: Sequence[Dimension]
 def _kept(path: Path, content: dict[str, Any]) -> dict[str, Any]:
     """Return the result in ``path`` if it is the same, for it knows when it was made."""
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        same = {**stored, "provenance": None} == {**storage.plain(content), "provenance": None}
-    except (OSError, ValueError, TypeError):
+        stored = read_table(path, "result of a search")
+    except BaselineError:
         return content
+    same = {**stored, "provenance": None} == {**storage.plain(content), "provenance": None}
     return stored if same else content
 
 
@@ -1038,7 +1034,7 @@ def _optuna() -> Any:
     try:
         import optuna
     except ImportError as error:
-        raise BaselineError(f"tuning needs Optuna (pip install optuna): {error}") from error
+        raise missing_extra("tuning", "tune", error) from error
     return optuna
 
 

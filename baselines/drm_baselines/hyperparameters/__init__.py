@@ -6,7 +6,6 @@ repeated from its record. A file of one's own is given with ``--hyperparameters`
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib import resources
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drm_baselines.errors import BaselineError
+from drm_baselines.reading import parse_toml, read_table, shown
 
 ALGORITHMS = ("ppo", "sac")
 """Learning algorithms with settings of their own."""
@@ -75,19 +75,33 @@ class Hyperparameters:
         return data
 
 
+MOST_ENVS = 10_000
+"""Most environments of a batch that learns."""
+MOST_LAYERS = 15
+"""Most hidden layers: what can be exported."""
+MOST_UNITS = 4096
+"""Most units of a hidden layer: what can be exported."""
+MOST_THREADS = 1024
+"""Most threads for the network's arithmetic."""
+
+
 def _refuse(source: str, path: str, expectation: str, value: Any) -> BaselineError:
-    return BaselineError(f"{source}: {path} must be {expectation}, got {value!r}")
+    return BaselineError(f"{source}: {path} must be {expectation}, got {shown(value)}")
 
 
-def _positive_int(source: str, path: str, value: Any) -> int:
+def _positive_int(source: str, path: str, value: Any, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise _refuse(source, path, "a positive integer", value)
+    if value > most:
+        raise _refuse(source, path, f"at most {most}", value)
     return value
 
 
 def _number(source: str, path: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise _refuse(source, path, "a number", value)
+    if not abs(value) < 1e300:  # neither is one that is not a number
+        raise _refuse(source, path, "finite", value)
     return float(value)
 
 
@@ -119,8 +133,8 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
     if strange:
         raise BaselineError(f"{source}: unknown entry 'network.{strange[0]}'")
     layers = network.get("layers", [64, 64])
-    if not isinstance(layers, (list, tuple)) or not layers:
-        raise _refuse(source, "network.layers", "a list of sizes", layers)
+    if not isinstance(layers, (list, tuple)) or not 1 <= len(layers) <= MOST_LAYERS:
+        raise _refuse(source, "network.layers", f"a list of 1 to {MOST_LAYERS} sizes", layers)
     if network.get("activation", "tanh") not in _ACTIVATIONS:
         raise _refuse(
             source, "network.activation", f"one of {list(_ACTIVATIONS)}", network["activation"]
@@ -138,14 +152,18 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         raise _refuse(source, "learning_rate", "positive and its end not negative", (rate, end))
     return Hyperparameters(
         algorithm=str(data["algorithm"]),
-        n_envs=_positive_int(source, "n_envs", data["n_envs"]),
+        n_envs=_positive_int(source, "n_envs", data["n_envs"], MOST_ENVS),
         learning_rate=rate,
         learning_rate_end=end,
-        torch_threads=_positive_int(source, "torch_threads", data.get("torch_threads", 1)),
+        torch_threads=_positive_int(
+            source, "torch_threads", data.get("torch_threads", 1), MOST_THREADS
+        ),
         env=dict(data.get("env", {})),
         model=dict(data.get("model", {})),
         network=Network(
-            layers=tuple(_positive_int(source, "network.layers", size) for size in layers),
+            layers=tuple(
+                _positive_int(source, "network.layers", size, MOST_UNITS) for size in layers
+            ),
             activation=str(network.get("activation", "tanh")),
             log_std_init=_number(source, "network.log_std_init", network.get("log_std_init", -2.0)),
             critic_sees_payload=privileged,
@@ -164,16 +182,10 @@ def load_hyperparameters(algorithm: str, path: Path | None = None) -> Hyperparam
     if algorithm not in ALGORITHMS:
         raise BaselineError(f"no algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
     source = str(path) if path is not None else f"{algorithm}.toml"
-    try:
-        if path is None:
-            text = resources.files(__package__).joinpath(f"{algorithm}.toml").read_text("utf-8")
-        else:
-            text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
-    except FileNotFoundError:
-        raise BaselineError(f"no hyperparameter file {source}") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BaselineError(f"{source} cannot be read: {error}") from error
+    if path is not None:
+        data = read_table(path, "hyperparameter file")
+    else:
+        data = parse_toml(resources.files(__package__).joinpath(source).read_text("utf-8"))
     settings = from_data(data, source)
     if settings.algorithm != algorithm:
         raise BaselineError(f"{source} holds settings of {settings.algorithm}, not {algorithm}")
