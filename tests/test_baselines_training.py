@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import errno
 import json
 import os
 import signal
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
+import drm_env
 from drm_baselines import load_policy
 from drm_baselines.asymmetric import PRIVILEGED, PrivilegedObservations
 from drm_baselines.errors import BaselineError, ExistingResultError, RunError
@@ -29,6 +33,7 @@ from drm_baselines.training import (
     Point,
     SilentWatcher,
     TrainingRequest,
+    request_of,
     resume,
     train,
 )
@@ -114,12 +119,16 @@ def test_the_same_request_gives_the_same_policy(tmp_path: Path) -> None:
 
 
 class _Interrupter(SilentWatcher):
-    """Sends this process Ctrl-C after the first evaluation within training."""
+    """Sends this process a signal (Ctrl-C) after the first evaluation within training."""
+
+    def __init__(self, number: int = signal.SIGINT) -> None:
+        super().__init__()
+        self.number = number
 
     def evaluated(self, point: Point) -> None:
         super().evaluated(point)
         if point.steps > 0:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), self.number)
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
@@ -144,6 +153,188 @@ def test_an_interrupted_run_is_saved_and_resumed(tmp_path: Path, algorithm: str)
     assert resume(directory, steps=640).steps >= 640
 
 
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_run_that_is_told_to_end_is_saved_and_resumed(tmp_path: Path, name: str) -> None:
+    directory, number = tmp_path / "run", getattr(signal, name)
+    before = signal.getsignal(number)
+    record = train(directory, request(steps=512), watcher=_Interrupter(number))
+    assert signal.getsignal(number) is before
+    assert record.status == load_run(directory).status == "interrupted"
+    assert 0 < record.steps < 512
+    assert resume(directory).status == "finished"
+
+
+def test_a_resumed_run_is_measured_as_it_began(tmp_path: Path) -> None:
+    """Everything that a request says is in the record, and comes back from it."""
+    begun = tmp_path / "begun"
+    train(begun, request(steps=64))
+    given = request(steps=512, evaluations=4, evaluation_episodes=3, start=begun)
+    directory = tmp_path / "run"
+    train(directory, given, watcher=_Interrupter())
+    record = load_run(directory)
+    again = request_of(record)
+    for each in fields(TrainingRequest):
+        if each.name not in ("options", "start"):
+            assert getattr(again, each.name) == getattr(given, each.name), each.name
+    assert record.start == {
+        "directory": str(begun),
+        "weights_sha256": load_policy(begun).description["weights_sha256"],
+    }
+    watcher = SilentWatcher()
+    resume(directory, watcher=watcher)
+    assert {len(point.episodes) for point in watcher.points} == {3}
+    with (directory / "evaluations.csv").open(newline="") as stream:
+        steps = [int(row["steps"]) for row in csv.DictReader(stream)]
+    assert steps == [0, 128, 256, 384, 512]
+
+
+def test_records_of_before_are_resumed_with_what_was_the_default(tmp_path: Path) -> None:
+    directory = tmp_path / "run"
+    train(directory, request(steps=64))
+    content = json.loads((directory / "run.json").read_text())
+    for name in ("evaluations", "evaluation_episodes", "start"):
+        del content[name]
+    (directory / "run.json").write_text(json.dumps(content))
+    record = load_run(directory)
+    assert (record.evaluations, record.evaluation_episodes, record.start) == (10, 100, None)
+
+
+WRONG = {
+    "algorithm": 3, "env_id": None, "options": [], "config": "slew", "control_period": "fast",
+    "hyperparameters": [1], "seed": -1, "target_steps": 2.5, "evaluations": 0,
+    "evaluation_episodes": True, "start": "here", "steps": "many", "wall_time": [0.0],
+    "status": {}, "checkpoint": {"model": {"file": 3, "sha256": ""}}, "segments": {"a": 1},
+}  # fmt: skip
+
+
+def test_a_record_with_wrong_types_is_refused_by_name(tmp_path: Path) -> None:
+    directory = tmp_path / "run"
+    train(directory, request(steps=64))
+    path = directory / "run.json"
+    content = json.loads(path.read_text())
+    assert WRONG.keys() == content.keys() - {"format", "format_version"}
+    for name, value in WRONG.items():
+        path.write_text(json.dumps({**content, name: value}))
+        with pytest.raises(RunError, match=f"run.json is damaged: {name} must be"):
+            load_run(directory)
+    for changes in (
+        {"algorithm": "dqn"}, {"algorithm": "sac"}, {"hyperparameters": {}}, {"more": 1},
+        {"env_id": "drm_env/No-v0"}, {"config": {"scenario": 3}}, {"seed": 10**400},
+    ):  # fmt: skip
+        path.write_text(json.dumps({**content, **changes}))
+        with pytest.raises((BaselineError, drm_env.ConfigError)) as caught:
+            resume(directory, steps=128)
+        assert len(str(caught.value)) < 500
+    for name in content:
+        path.write_text(json.dumps({key: item for key, item in content.items() if key != name}))
+        with contextlib.suppress(BaselineError, drm_env.ConfigError):
+            load_run(directory)
+
+
+@pytest.mark.parametrize("text", ["", "steps\nmany\n", "a,b\n1,2\n", "steps\nnan\n", 'steps\n"1'])
+def test_a_damaged_learning_curve_is_refused(tmp_path: Path, text: str) -> None:
+    directory = tmp_path / "run"
+    train(directory, request(steps=64))
+    path = directory / "evaluations.csv"
+    path.write_text(text)
+    if not text:
+        assert resume(directory, steps=128).status == "finished"
+        return
+    with pytest.raises(RunError, match=r"evaluations\.csv is damaged"):
+        resume(directory, steps=128)
+
+
+class _Failure(SilentWatcher):
+    """Fails after the first evaluation within training."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__()
+        self.error = error
+
+    def evaluated(self, point: Point) -> None:
+        super().evaluated(point)
+        if point.steps > 0:
+            raise self.error
+
+
+def test_whatever_fails_in_a_run_what_it_has_learned_is_saved(tmp_path: Path) -> None:
+    for number, error in enumerate((OSError(5, "Input/output error"), ZeroDivisionError("odd"))):
+        directory = tmp_path / str(number)
+        kind = RunError if isinstance(error, OSError) else ZeroDivisionError
+        with pytest.raises(kind) as caught:
+            train(directory, request(steps=512), watcher=_Failure(error))
+        record = load_run(directory)
+        assert record.status == "interrupted"
+        assert 0 < record.steps < 512
+        if kind is RunError:
+            assert f"{record.steps} steps are saved: go on with drm train" in str(caught.value)
+        assert resume(directory).status == "finished"
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is full from the second point of the curve on."""
+    write = Path.write_bytes
+
+    class Filling(SilentWatcher):
+        def evaluated(self, point: Point) -> None:
+            super().evaluated(point)
+            if len(self.points) == 3:
+                monkeypatch.setattr(Path, "write_bytes", full)
+
+    def full(path: Path, content: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    directory = tmp_path / "run"
+    with pytest.raises(RunError, match="No space left on device; 128 steps are saved: go on with"):
+        train(directory, request(steps=512, evaluations=4), watcher=Filling())
+    monkeypatch.setattr(Path, "write_bytes", write)
+    assert load_run(directory).steps == 128
+    assert load_policy(directory).description["training"]["steps"] == 128
+    assert not list(directory.rglob(".*")), "temporary files are removed"
+    assert resume(directory).status == "finished"
+
+
+def test_a_request_that_cannot_be_trained_leaves_the_older_run(tmp_path: Path) -> None:
+    directory = tmp_path / "run"
+    train(directory, request(steps=64))
+    before = {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+    impossible = {**SETTINGS["ppo"], "model": {"n_steps": 10**12}}
+    for changes in (
+        {"settings": from_data({**SETTINGS["ppo"], "model": {"gama": 0.9}})},
+        {"settings": from_data(impossible)},
+        {"start": tmp_path / "nowhere"},
+        {"evaluation_episodes": 10**10},
+    ):
+        with pytest.raises(BaselineError):
+            train(directory, request(**changes), force=True)
+    assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_buffers_that_do_not_fit_are_refused(tmp_path: Path, algorithm: str) -> None:
+    name = {"ppo": "n_steps", "sac": "buffer_size"}[algorithm]
+    settings = from_data({**SETTINGS[algorithm], "model": {name: 10**12}})
+    with pytest.raises(BaselineError, match=rf"{name} = 1000000000000 would take about .* memory"):
+        train(tmp_path / "run", request(algorithm, settings=settings))
+    assert not (tmp_path / "run").exists()
+
+
+def test_no_more_threads_than_processors(tmp_path: Path) -> None:
+    import torch
+
+    settings = from_data({**SETTINGS["ppo"], "torch_threads": 1024})
+    before = torch.get_num_threads()
+    try:
+        with pytest.warns(UserWarning, match="torch_threads = 1024 is more than"):
+            train(tmp_path / "run", request(settings=settings, steps=64))
+        assert torch.get_num_threads() <= (os.cpu_count() or 1)
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_a_checkpoint_that_is_not_the_runs_own_is_not_loaded(tmp_path: Path) -> None:
     directory = tmp_path / "run"
     record = train(directory, request())
@@ -165,8 +356,6 @@ def test_existing_runs_are_kept_and_force_starts_anew(tmp_path: Path) -> None:
 
 
 def test_impossible_requests_leave_no_directory(tmp_path: Path) -> None:
-    import drm_env
-
     with pytest.raises(drm_env.ConfigError, match=r"payload\.mass"):
         train(tmp_path / "run", request(options={"payload_mass": -1.0}))
     with pytest.raises(BaselineError, match="there are drm_env/Slew"):
@@ -306,6 +495,12 @@ def test_packaged_hyperparameters_are_complete(algorithm: str) -> None:
         ({"learning_rate": "fast"}, "learning_rate must be a number"),
         ({"algorithm": "dqn"}, "algorithm must be one of"),
         ({"network": {"layers": []}}, "network.layers"),
+        ({"network": {"layers": [8] * 16}}, "network.layers must be a list of 1 to 15"),
+        ({"network": {"layers": [100_000]}}, "network.layers must be at most 4096"),
+        ({"n_envs": 10**9}, "n_envs must be at most 10000"),
+        ({"torch_threads": 5000}, "torch_threads must be at most 1024"),
+        ({"learning_rate": 10**400}, "learning_rate must be finite"),
+        ({"learning_rate": float("nan")}, "learning_rate must be finite"),
         ({"network": {"depth": 2}}, "network.depth"),
         ({"network": {"activation": "elu"}}, "network.activation"),
         (

@@ -14,13 +14,16 @@ one that the run itself wrote down.
 
 from __future__ import annotations
 
-import json
+import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from drm_baselines import storage
 from drm_baselines.errors import RunError
+from drm_baselines.hyperparameters import ALGORITHMS
+from drm_baselines.reading import read_table, shown
 
 RUN_FILE = "run.json"
 EVALUATIONS_FILE = "evaluations.csv"
@@ -33,8 +36,10 @@ class RunRecord:
     """Contents of ``run.json``; see the fields' names, times in s.
 
     ``options`` are the environment options as given, ``config`` the complete configuration they
-    led to. ``segments`` holds one entry for each stretch of training (a resumed run has several),
-    with versions, platform and the seed its environments began with.
+    led to. ``evaluations`` and ``evaluation_episodes`` say how the learning curve is measured,
+    ``start`` names the policy that the run began with, if there was one (directory and SHA-256 of
+    its weights). ``segments`` holds one entry for each stretch of training (a resumed run has
+    several), with versions, platform and the seed its environments began with.
     """
 
     algorithm: str
@@ -45,6 +50,9 @@ class RunRecord:
     hyperparameters: dict[str, Any]
     seed: int
     target_steps: int
+    evaluations: int = 10
+    evaluation_episodes: int = 100
+    start: dict[str, Any] | None = None
     steps: int = 0
     wall_time: float = 0.0
     status: str = "running"
@@ -55,6 +63,56 @@ class RunRecord:
         """Write ``run.json`` into ``directory`` in one rename."""
         content = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(self)}
         storage.write_json(directory / RUN_FILE, content, overwrite=True)
+
+
+def _is_count(value: Any, least: int = 0) -> bool:
+    return type(value) is int and least <= value < 2**53
+
+
+def _is_time(value: Any) -> bool:
+    return type(value) in (int, float) and math.isfinite(value) and 0.0 <= value < 2**53
+
+
+def _is_checkpoint(value: Any) -> bool:
+    return value is None or (
+        isinstance(value, dict)
+        and all(
+            isinstance(entry, dict)
+            and all(isinstance(entry.get(name), str) for name in ("file", "sha256"))
+            for entry in value.values()
+        )
+    )
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
+_CHECKS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "algorithm": (f"one of {', '.join(ALGORITHMS)}", lambda value: value in ALGORITHMS),
+    "env_id": ("text", _is_text),
+    "options": ("a table", _is_table),
+    "config": ("a table", _is_table),
+    "control_period": ("a positive time", lambda value: _is_time(value) and value > 0.0),
+    "hyperparameters": ("a table", _is_table),
+    "seed": ("a whole number from 0", _is_count),
+    "target_steps": ("a whole number from 1", lambda value: _is_count(value, 1)),
+    "evaluations": ("a whole number from 1", lambda value: _is_count(value, 1)),
+    "evaluation_episodes": ("a whole number from 2", lambda value: _is_count(value, 2)),
+    "start": ("a table or null", lambda value: value is None or _is_table(value)),
+    "steps": ("a whole number from 0", _is_count),
+    "wall_time": ("a time", _is_time),
+    "status": ("text", _is_text),
+    "checkpoint": ("null, or file and sha256 by kind", _is_checkpoint),
+    "segments": (
+        "a list of tables",
+        lambda value: isinstance(value, list) and all(_is_table(item) for item in value),
+    ),
+}
 
 
 def load_run(directory: str | Path) -> RunRecord:
@@ -71,18 +129,18 @@ def load_run(directory: str | Path) -> RunRecord:
     path = folder / RUN_FILE
     if not path.is_file():
         raise RunError(f"{folder} holds no {RUN_FILE}: it is not the directory of a training run")
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise RunError(f"{path} cannot be read: {error}") from error
-    if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
+    content = read_table(path, "record of a run", error=RunError)
+    if content.pop("format", None) != FORMAT:
         raise RunError(f"{path} is not the record of a training run")
     version = content.pop("format_version", None)
     if version != FORMAT_VERSION:
         raise RunError(
-            f"{path} has format version {version!r}; this version of drm-baselines "
+            f"{path} has format version {shown(version)}; this version of drm-baselines "
             f"reads {FORMAT_VERSION}"
         )
+    for name, (kind, fits) in _CHECKS.items():
+        if name in content and not fits(content[name]):
+            raise RunError(f"{path} is damaged: {name} must be {kind}, got {shown(content[name])}")
     try:
         return RunRecord(**content)
     except TypeError as error:

@@ -10,9 +10,13 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import io
+import os
+import shlex
 import shutil
 import threading
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,10 +34,16 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 import drm_env
-from drm_baselines import hyperparameters, storage
+from drm_baselines import hyperparameters, memory, storage
 from drm_baselines.asymmetric import AsymmetricPolicy, PrivilegedObservations
-from drm_baselines.errors import RunError
-from drm_baselines.evaluation import TRAINING_SEED, config_data, environment_config, fly_policy
+from drm_baselines.errors import BaselineError, RunError
+from drm_baselines.evaluation import (
+    TRAINING_SEED,
+    config_data,
+    environment_config,
+    episode_seeds,
+    fly_policy,
+)
 from drm_baselines.export import perceptron_of
 from drm_baselines.interruption import stop_on_signal
 from drm_baselines.network import (
@@ -202,11 +212,17 @@ class _Run:
         path = self.directory / EVALUATIONS_FILE
         if not path.is_file():
             return []
-        with path.open(newline="", encoding="utf-8") as stream:
-            return [
-                {name: float(value or "nan") for name, value in row.items()}
-                for row in csv.DictReader(stream)
-            ]
+        try:
+            with path.open(newline="", encoding="utf-8") as stream:
+                points = [
+                    {name: float(value or "nan") for name, value in row.items()}
+                    for row in csv.DictReader(stream, strict=True)
+                ]
+            for point in points:
+                int(point["steps"])
+        except (KeyError, TypeError, ValueError, OverflowError, csv.Error) as error:
+            raise RunError(f"{path} is damaged: {error}") from error
+        return points
 
     def describe_policy(self) -> dict[str, Any]:
         """Return what travels with the weights."""
@@ -271,8 +287,11 @@ class _Run:
         folder = self.directory / "checkpoints"
         folder.mkdir(exist_ok=True)
         path = folder / f"model_{steps}.zip"
+        # in memory first: torch's own writer has no clear error for a disk that is full
+        packed = io.BytesIO()
+        self.model.save(packed)
         with storage.atomic_path(path, overwrite=True) as temporary:
-            self.model.save(temporary)
+            temporary.write_bytes(packed.getbuffer())
         files = {"model": path}
         if isinstance(self.model, OffPolicyAlgorithm) and status != "running":
             buffer = folder / f"replay_buffer_{steps}.pkl"
@@ -299,6 +318,7 @@ class _Run:
 def _make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
     settings = request.settings
     arguments = dict(settings.model)
+    _check_memory(request, env)
     network: dict[str, Any] = {
         "net_arch": list(settings.network.layers),
         "activation_fn": _ACTIVATIONS[settings.network.activation],
@@ -318,10 +338,40 @@ def _make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
             verbose=0,
             **arguments,
         )
-    except (TypeError, ValueError, AssertionError) as error:
+    except (TypeError, ValueError, AssertionError, OverflowError, MemoryError) as error:
         raise RunError(f"Stable-Baselines3 refuses the hyperparameters in [model]: {error}") from (
             error
         )
+
+
+def _check_memory(request: TrainingRequest, env: VecEnv) -> None:
+    """Refuse buffers that do not fit; whatever is no whole number Stable-Baselines3 refuses.
+
+    Raises
+    ------
+    BaselineError
+        The message says how much they would take.
+    """
+    model, shape = request.settings.model, env.observation_space.shape
+    name = "buffer_size" if request.algorithm == "sac" else "n_steps"
+    size = model.get(name, 1_000_000 if name == "buffer_size" else 2048)
+    if type(size) is not int or shape is None:
+        return
+    # of float32: an observation (of SAC also the next one), an action and some single numbers
+    values = (2 if name == "buffer_size" else 1) * shape[0] + 12
+    rows = size if name == "buffer_size" else size * env.num_envs
+    memory.require(4 * rows * values, f"[model] {name} = {size}")
+
+
+def _set_threads(settings: hyperparameters.Hyperparameters) -> None:
+    most = os.cpu_count() or 1
+    if settings.torch_threads > most:
+        warnings.warn(
+            f"torch_threads = {settings.torch_threads} is more than the {most} processors of this "
+            f"machine: {most} are used, and the run may differ in its last digits",
+            stacklevel=3,
+        )
+    torch.set_num_threads(min(settings.torch_threads, most))
 
 
 def _begin_with(model: BaseAlgorithm, directory: Path, config: drm_env.EnvConfig) -> None:
@@ -390,7 +440,15 @@ def _new_record(request: TrainingRequest, config: drm_env.EnvConfig) -> RunRecor
         hyperparameters=request.settings.to_dict(),
         seed=request.seed,
         target_steps=request.steps,
+        evaluations=request.evaluations,
+        evaluation_episodes=request.evaluation_episodes,
+        start=None if request.start is None else _start_of(request.start),
     )
+
+
+def _start_of(directory: Path) -> dict[str, Any]:
+    digest = load_policy(directory).description["weights_sha256"]
+    return {"directory": str(directory), "weights_sha256": digest}
 
 
 def train(
@@ -413,18 +471,21 @@ def train(
     """
     options = {**request.settings.env, **request.options}
     config = environment_config(request.env_id, options)
-    storage.claim_directory(directory, force=force)
-    # With force: an interruption before the first save must not leave the old run's policy.
-    for name in (RUN_FILE, EVALUATIONS_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
-        (directory / name).unlink(missing_ok=True)
-    for name in ("checkpoints", "tensorboard"):
-        shutil.rmtree(directory / name, ignore_errors=True)
-    torch.set_num_threads(request.settings.torch_threads)
+    episode_seeds(CURVE_SEED, request.evaluation_episodes)
+    storage.check_directory(directory, force=force)
+    _set_threads(request.settings)
     env, first_seed = _make_envs(request, config, 0)
     try:
         model = _make_model(request, env)
         if request.start is not None:
             _begin_with(model, request.start, config)
+        # Not before everything is known to be possible: what is there may be an older run.
+        storage.claim_directory(directory, force=force)
+        # With force: an interruption before the first save must not leave the old run's policy.
+        for name in (RUN_FILE, EVALUATIONS_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
+            (directory / name).unlink(missing_ok=True)
+        for name in ("checkpoints", "tensorboard"):
+            shutil.rmtree(directory / name, ignore_errors=True)
         # The model has seeded the environments with its own seed, which evaluations may use.
         env.seed(first_seed)
         run = _Run(directory, _new_record(request, config), model, config, request)
@@ -434,14 +495,28 @@ def train(
 
 
 def request_of(record: RunRecord, *, steps: int | None = None) -> TrainingRequest:
-    """Return the request that a run was started with, with another number of steps if given."""
+    """Return the request that a run was started with, with another number of steps if given.
+
+    Raises
+    ------
+    BaselineError
+        Hyperparameters in the record that are none, or another algorithm's.
+    """
+    settings = hyperparameters.from_data(record.hyperparameters, RUN_FILE)
+    if settings.algorithm != record.algorithm:
+        raise RunError(
+            f"{RUN_FILE} is damaged: algorithm is {record.algorithm}, but the hyperparameters are "
+            f"those of {settings.algorithm}"
+        )
     return TrainingRequest(
         algorithm=record.algorithm,
         env_id=record.env_id,
         options=record.options,
         steps=steps if steps is not None else record.target_steps,
         seed=record.seed,
-        settings=hyperparameters.from_data(record.hyperparameters, RUN_FILE),
+        settings=settings,
+        evaluations=record.evaluations,
+        evaluation_episodes=record.evaluation_episodes,
     )
 
 
@@ -450,6 +525,7 @@ def resume(
 ) -> RunRecord:
     """Go on with an interrupted run, or extend a finished one to ``steps`` steps.
 
+    Everything else is as the run began with, also how its learning curve is measured.
     The episodes after resuming are drawn from seeds of their own, so that a resumed run is as
     good as an uninterrupted one but not bit for bit the same.
 
@@ -468,7 +544,7 @@ def resume(
         )
     path = checkpoint_file(directory, record)
     config = environment_config(record.env_id, {"config": record.config})
-    torch.set_num_threads(request.settings.torch_threads)
+    _set_threads(request.settings)
     env, first_seed = _make_envs(request, config, len(record.segments))
     try:
         model = _ALGORITHMS[record.algorithm].load(path, env=env, device="cpu")
@@ -501,6 +577,7 @@ def _fly(run: _Run, request: TrainingRequest, first_seed: int, watcher: Watcher)
     model.set_logger(configure(str(run.directory / "tensorboard"), _log_formats()))
     if model.num_timesteps == 0:
         run.evaluate(watcher)
+    failure: Exception | None = None
     with stop_on_signal() as stop:
         try:
             model.learn(
@@ -511,11 +588,35 @@ def _fly(run: _Run, request: TrainingRequest, first_seed: int, watcher: Watcher)
             )
         except KeyboardInterrupt:
             stop.set()
-        finished = model.num_timesteps >= request.steps
-        if finished and run.last_point < model.num_timesteps:
-            run.evaluate(watcher)
-        run.save("finished" if finished else "interrupted")
+        except Exception as error:
+            # what has been learned is worth keeping, whatever has happened
+            failure = error
+        finished = failure is None and model.num_timesteps >= request.steps
+        try:
+            if finished and run.last_point < model.num_timesteps:
+                run.evaluate(watcher)
+            run.save("finished" if finished else "interrupted")
+        except Exception as error:
+            failure = failure or error
+    if failure is not None:
+        if isinstance(failure, (BaselineError, drm_env.DrmError, OSError)):
+            raise RunError(f"{failure}; {_fate_of(run.directory)}") from failure
+        raise failure
     return record
+
+
+def _fate_of(directory: Path) -> str:
+    """What is left of a run that failed, in words."""
+    try:
+        record = load_run(directory)
+    except RunError:
+        return f"nothing of the run is saved in {directory}"
+    if record.checkpoint is None:
+        return f"the run has not saved a checkpoint in {directory}"
+    return (
+        f"{record.steps:,} steps are saved: go on with drm train --resume --out "
+        f"{shlex.quote(str(directory))}"
+    )
 
 
 def _log_interval(request: TrainingRequest) -> int:
