@@ -300,7 +300,7 @@ def drm(*arguments: str | Path) -> str:
 def test_kernel_json_has_its_keys_at_the_top(stand_in: None, tmp_path: Path) -> None:
     path, out, page = tmp_path / "kernel.json", tmp_path / "out", tmp_path / "page.md"
     text = drm(
-        "--only", "kernel", "--repeats", "2", "--json", path, "--out", out, "--markdown", page
+        "--only", "kernel", "--repeats", "2", "--json-file", path, "--out", out, "--markdown", page
     )
     assert "engine, widest pack" in text
     content: dict[str, Any] = json.loads(path.read_text())
@@ -319,7 +319,7 @@ def test_kernel_json_has_its_keys_at_the_top(stand_in: None, tmp_path: Path) -> 
     assert any(note.startswith("instructions of engine, widest pack left out") for note in notes)
     assert {file.name for file in out.iterdir()} >= {"bench.json", "bench.csv"}
     assert "<!-- drm bench: begin kernel -->" in page.read_text()
-    refused = CliRunner().invoke(app, ["bench", "--only", "kernel", "--json", str(path)])
+    refused = CliRunner().invoke(app, ["bench", "--only", "kernel", "--json-file", str(path)])
     assert refused.exit_code == 2
     assert "kernel.json exists already" in " ".join(refused.stderr.split())
 
@@ -350,7 +350,7 @@ def test_a_section_that_fails_leaves_those_before_it(
     monkeypatch.setattr(sections, "run", run)
     path = tmp_path / "bench.json"
     result = CliRunner().invoke(
-        app, ["bench", "--only", "kernel", "--only", "step", "--json", str(path)]
+        app, ["bench", "--only", "kernel", "--only", "step", "--json-file", str(path)]
     )
     assert result.exit_code == 2
     assert "stopped in section step" in result.stderr

@@ -39,7 +39,7 @@ def invoke(directory: Path, *arguments: str) -> str:
 
 def test_json_has_every_policy_and_metric(directory: Path) -> None:
     path = directory / "thesis.json"
-    assert "thesis: flights took" in invoke(directory, "--json", str(path))
+    assert "thesis: flights took" in invoke(directory, "--json-file", str(path))
     content = json.loads(path.read_text())
     assert set(content["policies"]) == set(LAWS)
     for entry in content["policies"].values():

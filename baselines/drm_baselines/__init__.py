@@ -11,14 +11,18 @@ The ``drm`` command does the same from a terminal: ``drm --help``.
 
 from __future__ import annotations
 
-from drm_baselines.errors import (
-    BaselineError,
-    ExistingResultError,
-    PolicyError,
-    PolicyWarning,
-    RunError,
-)
-from drm_baselines.policies import LAW_PERIOD, LAWS, LawPolicy, load_policy, make_policy
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from drm_baselines.errors import (
+        BaselineError,
+        ExistingResultError,
+        PolicyError,
+        PolicyWarning,
+        RunError,
+    )
+    from drm_baselines.policies import LAW_PERIOD, LAWS, LawPolicy, load_policy, make_policy
 
 __version__ = "0.1.0"
 
@@ -35,3 +39,24 @@ __all__ = [
     "load_policy",
     "make_policy",
 ]
+
+_HOMES = {
+    "errors": ["BaselineError", "ExistingResultError", "PolicyError", "PolicyWarning", "RunError"],
+    "policies": ["LAWS", "LAW_PERIOD", "LawPolicy", "load_policy", "make_policy"],
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name when it is first used, which keeps ``drm --help`` fast."""
+    home = _HOME_OF.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted(__all__)

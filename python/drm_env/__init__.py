@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         SnapshotError,
     )
     from drm_env.law import ControlLaw
+    from drm_env.metrics import METRIC_SYMBOLS, MetricEntry, episode_metrics
     from drm_env.model import Model
     from drm_env.network import Network
     from drm_env.observation import ObservationEntry, observation_layout
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from drm_env.vector import DrmVectorEnv
 
 __all__ = [
+    "METRIC_SYMBOLS",
     "ActionError",
     "ActionTypeError",
     "Choices",
@@ -60,6 +62,7 @@ __all__ = [
     "EnvConfig",
     "EnvironmentClosedError",
     "LogUniform",
+    "MetricEntry",
     "Model",
     "Network",
     "Normal",
@@ -75,6 +78,7 @@ __all__ = [
     "Uniform",
     "__version__",
     "default_config",
+    "episode_metrics",
     "observation_layout",
     "option_names",
     "rollout",
@@ -100,6 +104,7 @@ _HOMES = {
         "SnapshotError",
     ],
     "law": ["ControlLaw"],
+    "metrics": ["METRIC_SYMBOLS", "MetricEntry", "episode_metrics"],
     "model": ["Model"],
     "network": ["Network"],
     "observation": ["ObservationEntry", "observation_layout"],

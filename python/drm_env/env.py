@@ -120,8 +120,9 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     *Termination*: the slew error or the tip deflection exceeds ``limits``, or the state is no
     longer finite; the rest of the horizon is then charged as if the limit were held, so that
     ending early never pays. *Truncation*: the horizon (20 s) is over. Reaching the target does not
-    end the episode. The last info holds ``metrics/...``, ``diverged`` and ``is_success``
-    (settled: |tip deflection| <= 1 mm and slew error at the tip <= 10 mm to the end).
+    end the episode. The last info holds ``metrics/...`` (see `drm_env.episode_metrics`),
+    ``diverged`` and ``is_success`` (settled: |tip deflection| <= 1 mm and slew error at the tip
+    <= 10 mm to the end).
 
     Parameters
     ----------

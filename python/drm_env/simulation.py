@@ -38,7 +38,7 @@ class Trajectory(Mapping[str, NDArray[np.float64]]):
     Attributes
     ----------
     metrics
-        the metrics of the whole manoeuvre by name, floats.
+        the metrics of the whole manoeuvre by name, floats; see `episode_metrics` for what they are.
     """
 
     def __init__(self, signals: dict[str, NDArray[np.float64]], metrics: dict[str, float]) -> None:
@@ -308,9 +308,9 @@ def rollout(
     Returns
     -------
     metrics
-        Metrics by name, each of shape (len(scenarios),), in the order of ``scenarios``, with the
-        kept signals in the attribute ``trajectories``. The numbers do not depend on the number of
-        threads. The return of a law is 0: nothing is paid.
+        Metrics by name (see `episode_metrics`), each of shape (len(scenarios),), in the order of
+        ``scenarios``, with the kept signals in the attribute ``trajectories``. The numbers do not
+        depend on the number of threads. The return of a law is 0: nothing is paid.
 
     Raises
     ------

@@ -25,8 +25,9 @@ from drm_baselines.benchmark.estimates import Estimate, estimate_of
 from drm_baselines.benchmark.field import LEARNERS, Competitor, Progress, runs_in
 from drm_baselines.benchmark.results import SuiteResult, read_record, write_record
 from drm_baselines.benchmark.suites import SUITES, Manoeuvres, load
-from drm_baselines.errors import RunError
+from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.policy_names import title_of
+from drm_baselines.reading import read_table
 from drm_baselines.runs import EVALUATIONS_FILE
 
 RECORDS = "records"
@@ -99,10 +100,9 @@ def fly_suite(
 
 def _stamp_of(path: Path) -> str | None:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = read_table(path).get("fingerprint")
+    except BaselineError:
         return None
-    found = content.get("fingerprint") if isinstance(content, dict) else None
     return found if isinstance(found, str) else None
 
 
@@ -168,11 +168,15 @@ def draw(results: Sequence[SuiteResult], directory: Path, learned: Path) -> dict
     return figures
 
 
-def write_summary(path: Path, results: Sequence[SuiteResult], *, overwrite: bool) -> Path:
-    """Write the aggregates: of one suite as they are, of several under their names."""
+def summary(results: Sequence[SuiteResult]) -> dict[str, Any]:
+    """Return the aggregates: of one suite as they are, of several under their names."""
     summaries: dict[str, Any] = {result.suite: report.summary(result) for result in results}
-    content = next(iter(summaries.values())) if len(summaries) == 1 else {"suites": summaries}
-    return storage.write_json(path, content, overwrite=overwrite)
+    return next(iter(summaries.values())) if len(summaries) == 1 else {"suites": summaries}
+
+
+def write_summary(path: Path, results: Sequence[SuiteResult], *, overwrite: bool) -> Path:
+    """Write what :func:`summary` returns."""
+    return storage.write_json(path, summary(results), overwrite=overwrite)
 
 
 def update_documents(root: Path, results: Sequence[SuiteResult], figures: Path) -> list[Path]:

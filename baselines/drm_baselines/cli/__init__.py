@@ -1,42 +1,62 @@
 """The ``drm`` command: simulate, compare, train and evaluate from a terminal.
 
-Each command lives in a module of its own. Modules that need torch are imported only when their
-command runs, so that ``drm --help`` and the flights of control laws are fast and need no torch.
+Each command lives in a module of its own. What a command needs to do its work (the engine, NumPy,
+scipy, matplotlib, torch, ...) is imported when it runs, so that ``drm --help`` and errors in a
+command line come at once, and flights of control laws need no torch.
 """
 
 from __future__ import annotations
 
-import typer
+import contextlib
+import os
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any
 
-from drm_baselines.cli.bench import bench
-from drm_baselines.cli.benchmark import benchmark
-from drm_baselines.cli.compare import compare
-from drm_baselines.cli.demo import demo
-from drm_baselines.cli.evaluate import evaluate
-from drm_baselines.cli.imitate import imitate
-from drm_baselines.cli.info import info
-from drm_baselines.cli.modes import modes
-from drm_baselines.cli.reproduce import reproduce
-from drm_baselines.cli.simulate import simulate
-from drm_baselines.cli.train import train
-from drm_baselines.cli.tune import tune
+from drm_baselines.interruption import leaving_at_once
 
-app = typer.Typer(
-    name="drm",
-    help="Deployable Robotic Manipulator: simulate manoeuvres, compare control laws with learned "
-    "policies, train and evaluate. Units are SI and radians unless an option's name ends in "
-    "-deg.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-for _command in (
-    info, modes, simulate, compare, train, imitate, tune, evaluate, benchmark, demo, reproduce,
-    bench,
-):  # fmt: skip
-    app.command()(_command)
+if TYPE_CHECKING:
+    import typer
+
+    app: typer.Typer
+
+
+def __getattr__(name: str) -> Any:
+    """Make ``app``, the typer application, when it is first used."""
+    if name == "app":
+        from drm_baselines.cli.application import app
+
+        return app
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _open_descriptors() -> None:
+    """Give descriptors that were closed a place, or the next file that is opened gets theirs."""
+    with contextlib.suppress(OSError):
+        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+            pass
+        os.close(descriptor)
 
 
 def main() -> None:
     """Run the command line."""
-    app()
+    _open_descriptors()
+    with leaving_at_once():
+        import typer
+
+        from drm_baselines.cli.application import app
+        from drm_baselines.cli.common import ending_well
+        from drm_baselines.cli.terminal import complain, output
+
+    def warn(message: Warning | str, *_: object, **__: object) -> None:
+        complain(str(message), "warning")
+
+    warnings.showwarning = warn
+    try:
+        # commands end well by themselves; help and errors of the command line do here
+        ending_well(app)
+    except typer.Exit as error:
+        sys.exit(error.exit_code)
+    finally:
+        output.flush()
+        output.abandon()

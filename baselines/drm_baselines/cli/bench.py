@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
-import drm_env
-from drm_baselines import storage
-from drm_baselines.cli.common import console, errors, guarded, progress_bar
+from drm_baselines.cli.common import JSON_HELP, MOST_STEPS, guarded, json_target
+from drm_baselines.cli.terminal import counting, note, output, say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.interruption import leaving_at_once
 
-
-@contextlib.contextmanager
-def _measurement_progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function that shows (label, done, total) measurements as one bar a label."""
-    with progress_bar() as progress:
-        tasks: dict[str, Any] = {}
-
-        def show(label: str, done: int, total: int) -> None:
-            if label not in tasks:
-                tasks[label] = progress.add_task(label, total=total, note="measurements")
-            progress.update(tasks[label], completed=done, total=total)
-
-        yield show
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def _list_table(sections: dict[str, str]) -> Table:
+    from rich.table import Table
+
     table = Table(header_style="bold")
     table.add_column("section")
     table.add_column("what is measured")
@@ -41,6 +29,7 @@ def _list_table(sections: dict[str, str]) -> Table:
 
 @guarded
 def bench(
+    context: typer.Context,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -51,21 +40,31 @@ def bench(
     show_list: Annotated[
         bool, typer.Option("--list", help="List the sections and do nothing else.")
     ] = False,
-    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each candidate.")] = 5,
+    repeats: Annotated[
+        int, typer.Option(min=1, max=1000, help="Measurements of each candidate.")
+    ] = 5,
     seconds: Annotated[
-        int, typer.Option(min=1, help="About how long one measurement of a stepping loop lasts, s.")
+        int,
+        typer.Option(
+            min=1, max=3600, help="About how long one measurement of a stepping loop lasts, s."
+        ),
     ] = 1,
-    episodes: Annotated[int, typer.Option(min=1, help="Episodes of the section rollout.")] = 10_000,
+    episodes: Annotated[
+        int, typer.Option(min=1, max=1_000_000, help="Episodes of the section rollout.")
+    ] = 10_000,
     long: Annotated[
         int,
-        typer.Option(min=1, help="Environment steps over which memory is watched for growth."),
+        typer.Option(
+            min=1, max=MOST_STEPS, help="Environment steps over which memory is watched for growth."
+        ),
     ] = 1_000_000,
     out: Annotated[
         Path | None,
         typer.Option(help="Directory for bench.json, bench.csv and pictures (PNG)."),
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the results to this file as JSON.")
+        Path | None, typer.Option("--json-file", help="Write the results to this file as JSON.")
     ] = None,
     markdown: Annotated[
         Path | None,
@@ -84,34 +83,44 @@ def bench(
     taken pair by pair. What cannot be measured here (no C compiler, no numba, no valgrind) is
     said below the table; a last table holds all ratios. Close other programs first.
     """
-    from drm_baselines.bench import report, sections
-    from drm_baselines.bench.results import Bench
+    with leaving_at_once():
+        import drm_env
+        from drm_baselines import storage
+        from drm_baselines.bench import report, sections
+        from drm_baselines.bench.results import Bench
 
     if show_list:
-        console.print(_list_table(sections.SECTIONS))
+        show(_list_table(sections.SECTIONS))
         return
+    as_json, json_file = json_target(as_json, json_file, context.args)
     names = sections.chosen(only)
-    if json_file is not None and json_file.exists() and not force:
-        storage.refuse(json_file)
+    if json_file is not None:
+        storage.claim_file(json_file, force=force)
     if markdown is not None:
         report.check_markdown(markdown, names)
     if out is not None:
         storage.claim_directory(out, force=force)
+    kept = any(place is not None for place in (json_file, markdown, out))
     results = []
     current = names[0]
     stopped: Exception | KeyboardInterrupt | None = None
-    with _measurement_progress() as progress:
+    with counting("measurements") as progress:
         settings = Bench(repeats, seconds, episodes, long, progress)
         try:
             for current in names:
                 results.append(sections.run(current, settings))
-                console.print(report.terminal_table(results[-1]))
+                if not as_json:
+                    show(report.terminal_table(results[-1]))
+                if output.failure is not None and not kept:
+                    break
         except (BaselineError, drm_env.DrmError, OSError, KeyboardInterrupt) as reason:
             stopped = reason
-    if len(results) > 1:
-        console.print(report.ratio_table(results))
+    if len(results) > 1 and not as_json:
+        show(report.ratio_table(results))
     files = []
     content = report.data(results, settings)
+    if as_json:
+        say_json(content)
     if json_file is not None:
         files.append(storage.write_json(json_file, content, overwrite=force))
     if markdown is not None:
@@ -122,8 +131,8 @@ def bench(
         files.append(storage.write_json(out / "bench.json", content, overwrite=force))
         files.append(report.write_csv(out / "bench.csv", results, overwrite=force))
         files.extend(pictures.plot_all(results, out, overwrite=force))
-    if files:
-        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+    if not as_json:
+        say_files(files)
     if stopped is not None:
-        errors.print(f"stopped in section {current}; those before it are complete")
+        note(f"stopped in section {current}; those before it are complete")
         raise stopped

@@ -10,7 +10,9 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import console, errors, flight_progress, guarded
+from drm_baselines.cli.common import JSON_HELP, guarded, json_target
+from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
+from drm_baselines.interruption import leaving_at_once
 
 
 def _show(
@@ -19,12 +21,9 @@ def _show(
     progress(f"{suite}: {label}", done, total)
 
 
-def _say(line: str) -> None:
-    errors.print(line, soft_wrap=True)
-
-
 @guarded
 def benchmark(
+    context: typer.Context,
     suite: Annotated[
         list[str] | None,
         typer.Option(
@@ -43,8 +42,9 @@ def benchmark(
             show_default=False,
         ),
     ] = None,
-    as_json: Annotated[
-        Path | None, typer.Option("--json", help="File for the aggregates as JSON.")
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json-file", help="Write the aggregates to this file as JSON.")
     ] = None,
     out: Annotated[
         Path, typer.Option(help="Directory of records, figures and the HTML page.")
@@ -76,32 +76,39 @@ def benchmark(
     episodes. Records are kept; a policy that has flown is not flown again. Lengths are in mm and
     angles in degrees in the tables, SI and radians in the files.
     """
-    from drm_baselines import storage
-    from drm_baselines.benchmark import field, report, run, suites
+    with leaving_at_once():
+        from drm_baselines import storage
+        from drm_baselines.benchmark import field, report, run, suites
 
+    as_json, json_file = json_target(as_json, json_file, context.args)
     names = list(suite or suites.SUITES)
     for name in names:
         suites.suite_named(name)
     if learned is not None:
         field.check_runs(learned)
-    if as_json is not None and as_json.is_dir():
-        storage.refuse(as_json)
+    if json_file is not None:
+        storage.claim_file(json_file, force=True)
     everybody = field.chosen(field.competitors(learned), policy)
     results = []
     for name in dict.fromkeys(names):
         begun = time.monotonic()
-        with flight_progress() as progress:
+        with counting("episodes") as progress:
             shown = functools.partial(_show, progress, name)
-            result = run.fly_suite(name, everybody, out, again=again, progress=shown, told=_say)
+            result = run.fly_suite(name, everybody, out, again=again, progress=shown, told=note)
         results.append(result)
-        console.print(f"{name}: flights took {time.monotonic() - begun:.0f} s", highlight=False)
-        console.print(report.terminal_table(result))
+        if as_json:
+            continue
+        say(f"{name}: flights took {time.monotonic() - begun:.0f} s")
+        show(report.terminal_table(result))
         for text, verdict in report.targets(result):
-            console.print(f"{verdict}: {text}", highlight=False)
+            say(f"{verdict}: {text}")
+    if as_json:
+        say_json(run.summary(results))
     figures = run.draw(results, out / "figures", learned or field.shipped_runs())
     written = [report.write_page(results, out / "benchmark.html", figures, overwrite=True)]
-    if as_json is not None:
-        written.append(run.write_summary(as_json, results, overwrite=True))
+    if json_file is not None:
+        written.append(run.write_summary(json_file, results, overwrite=True))
     if documents is not None:
         written += run.update_documents(documents, results, out / "figures")
-    console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+    if not as_json:
+        say_files(written)

@@ -1,39 +1,43 @@
-"""What all commands share: options given as text, errors without tracebacks, progress bars."""
+"""What all commands share: how they end, and options that are given as text."""
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
-import drm_env
+from drm_baselines.cli.terminal import complain, complaints, note, output
 from drm_baselines.errors import BaselineError
+from drm_baselines.interruption import Stopped, handled_by, interrupt
+from drm_baselines.reading import parse_json, shown
 
-# A file or a pipe has no width of its own: tables then come at full width.
-console = Console(width=None if sys.stdout.isatty() else 132)
-errors = Console(stderr=True)
+REFUSED = 2
+"""Exit code of a request that cannot be carried out."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C; 129 and 143 follow SIGHUP and SIGTERM."""
+BROKEN_PIPE = 141
+"""Exit code where nobody reads the output to its end, such as ``drm info | head -1``."""
+
+MOST_STEPS = 10**12
+"""Most environment steps of a training: years on any machine."""
+MOST_MANOEUVRES = 100_000
+"""Most manoeuvres of a teacher or a search, which are all kept."""
+MOST_ROUNDS = 10_000_000
+"""Most rounds or gradient steps."""
+MOST_TRIALS = 100_000
+"""Most trials of a search, whose record is read as a whole."""
 
 SET_HELP = (
     "Environment option as KEY=VALUE, SI units and radians (drm info --options lists them). "
     "A number or name fixes it, LOW..HIGH draws it uniformly for each episode, JSON says "
     "anything else, such as '{\"log_uniform\": [10, 1000]}'. May be repeated."
 )
+JSON_HELP = "Print the result as JSON, SI units and radians, and nothing else."
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})")
@@ -42,34 +46,106 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
+def _is_refusal(error: Exception) -> bool:
+    """Whether an error is one that a user can act on, and not a fault of the program."""
+    if isinstance(error, (BaselineError, OSError, MemoryError)):
+        return True
+    # an error of a package that was not imported cannot have come from it
+    engine = sys.modules.get("drm_env.errors")
+    pools = sys.modules.get("concurrent.futures.process")
+    return (engine is not None and isinstance(error, engine.DrmError)) or (
+        # a process that the system has killed, mostly for want of memory
+        pools is not None and isinstance(error, pools.BrokenProcessPool)
+    )
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return f"not enough memory: {error}".removesuffix(": ")
+    if isinstance(error, OSError) and error.strerror is not None:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)
+
+
+def ending_well(action: Callable[[], _R]) -> _R:
+    """Return what ``action`` does; turn errors that a user can act on into one line.
+
+    Raises
+    ------
+    typer.Exit
+        Refused (2), interrupted (128 and the signal's number), or the output was not written.
+    """
+    for stream in (output, complaints):
+        stream.failure = None
+    try:
+        with handled_by(interrupt):
+            result = action()
+            output.flush()
+    except KeyboardInterrupt as error:
+        note("interrupted")
+        raise typer.Exit(
+            128 + error.number if isinstance(error, Stopped) else INTERRUPTED
+        ) from None
+    except Exception as error:
+        if not _is_refusal(error):
+            raise
+        complain(_message(error))
+        raise typer.Exit(REFUSED) from None
+    if output.failure is not None:
+        if isinstance(output.failure, BrokenPipeError):
+            raise typer.Exit(BROKEN_PIPE)
+        complain(f"standard output cannot be written: {_message(output.failure)}")
+        raise typer.Exit(REFUSED)
+    return result
+
+
 def guarded(command: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Turn errors that a user can act on into one line on standard error and exit code 2."""
+    """Make a command end as :func:`ending_well` says."""
 
     @functools.wraps(command)
     def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        try:
-            return command(*args, **kwargs)
-        except (BaselineError, drm_env.DrmError, OSError) as error:
-            errors.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
-            raise typer.Exit(2) from None
-        except KeyboardInterrupt:
-            errors.print("interrupted")
-            raise typer.Exit(130) from None
+        return ending_well(lambda: command(*args, **kwargs))
 
     return run
+
+
+def json_target(as_json: bool, file: Path | None, rest: list[str]) -> tuple[bool, Path | None]:
+    """Return whether JSON is printed, and into which file it is written.
+
+    ``rest`` are the arguments that no option has taken: one after ``--json`` is the file that it
+    took, in the commands that measure, before it was a flag everywhere.
+
+    Raises
+    ------
+    BaselineError
+        An argument without ``--json``.
+    """
+    if not rest:
+        return as_json, file
+    if not as_json or file is not None or len(rest) > 1:
+        raise BaselineError(f"unexpected argument {shown(rest[0])}")
+    complain("--json prints; --json-file FILE writes a file, as --json FILE did", "warning")
+    return False, Path(rest[0])
 
 
 def parse_value(text: str) -> Any:
     """Return the value that a text on the command line stands for.
 
     ``LOW..HIGH`` is a tuple (a range), JSON is what it says, anything else is a name.
+
+    Raises
+    ------
+    BaselineError
+        A number of hundreds of digits, or a text that begins like JSON and is none.
     """
     match = _RANGE.fullmatch(text)
     if match:
         return float(match["low"]), float(match["high"])
     try:
-        return json.loads(text)
-    except json.JSONDecodeError:
+        return parse_json(text)
+    except ValueError as error:
+        if text[:1] in ("[", "{", '"') or re.fullmatch(_NUMBER, text):
+            raise BaselineError(f"{shown(text)} cannot be read as JSON: {error}") from None
         return text
 
 
@@ -79,46 +155,18 @@ def parse_options(items: list[str] | None) -> dict[str, Any]:
     Raises
     ------
     BaselineError
-        A text without ``=``, or a key given twice.
+        A text without ``=``, a key given twice, or a value that cannot be read.
     """
     options: dict[str, Any] = {}
     for item in items or []:
         key, equals, text = item.partition("=")
         key = key.strip()
         if not equals or not key:
-            raise BaselineError(f"--set takes KEY=VALUE, got {item!r}")
+            raise BaselineError(f"--set takes KEY=VALUE, got {shown(item)}")
         if key in options:
             raise BaselineError(f"--set {key} is given twice")
-        options[key] = parse_value(text.strip())
+        try:
+            options[key] = parse_value(text.strip())
+        except BaselineError as error:
+            raise BaselineError(f"--set {key}: {error}") from None
     return options
-
-
-@contextlib.contextmanager
-def progress_bar() -> Iterator[Progress]:
-    """Yield a progress display on standard error, silent when that is not a terminal."""
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
-        console=errors,
-        disable=not sys.stderr.isatty(),
-        transient=True,
-    ) as progress:
-        yield progress
-
-
-@contextlib.contextmanager
-def flight_progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function that shows (label, done, total) episodes as one bar a label."""
-    with progress_bar() as progress:
-        tasks: dict[str, Any] = {}
-
-        def show(label: str, done: int, total: int) -> None:
-            if label not in tasks:
-                tasks[label] = progress.add_task(label, total=total, note="episodes")
-            progress.update(tasks[label], completed=done, total=total)
-
-        yield show

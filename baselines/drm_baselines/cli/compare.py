@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drm_baselines import storage
-from drm_baselines.cli.common import SET_HELP, console, flight_progress, guarded, parse_options
-from drm_baselines.comparison import (
-    Arena,
-    contestant_named,
-    fly_all,
-    report_of,
-    write_comparison,
-)
-from drm_baselines.evaluation import episode_seeds
-from drm_baselines.tables import comparison_tables, paired_table
+from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
+from drm_baselines.interruption import leaving_at_once
 
 
 @guarded
@@ -42,7 +33,7 @@ def compare(
         typer.Option(help="Directory for comparison.json, episodes.csv and figures (PNG)."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
     set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
 ) -> None:
     """Fly policies over the same episodes and compare them.
@@ -51,6 +42,18 @@ def compare(
     they were trained with. Lengths are in mm and angles in degrees in the table, SI and radians
     in the files.
     """
+    with leaving_at_once():
+        from drm_baselines import storage
+        from drm_baselines.comparison import (
+            Arena,
+            contestant_named,
+            fly_all,
+            report_of,
+            write_comparison,
+        )
+        from drm_baselines.evaluation import episode_seeds
+        from drm_baselines.tables import comparison_tables, paired_table
+
     episode_seeds(seed, episodes)
     arena = Arena(env_id=env_id, options=parse_options(set_options), seed=seed, episodes=episodes)
     contestants = [
@@ -58,19 +61,15 @@ def compare(
     ]
     if out is not None:
         storage.claim_directory(out, force=force)
-    with flight_progress() as progress:
+    with counting("episodes") as progress:
         flights = fly_all(contestants, arena, progress)
     report = report_of(flights, arena)
     if as_json:
-        typer.echo(json.dumps(storage.plain(report), indent=2))
+        say_json(report)
     else:
-        console.print(
-            *comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width)
-        )
+        show(*comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width))
         for label, entry in report["paired"]["candidates"].items():
-            console.print(
-                paired_table(entry, title=f"{label} minus {report['paired']['reference']}")
-            )
+            show(paired_table(entry, title=f"{label} minus {report['paired']['reference']}"))
     if out is None:
         return
     from drm_baselines import plots
@@ -83,4 +82,4 @@ def compare(
         )
     )
     if not as_json:
-        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+        say_files(files)

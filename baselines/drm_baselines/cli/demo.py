@@ -8,32 +8,23 @@ episodes with unknown payloads, and a verdict that the records bear out.
 from __future__ import annotations
 
 import itertools
+import shlex
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
-import drm_env
-from drm_baselines import storage
-from drm_baselines.cli.common import console, flight_progress, guarded, progress_bar
+from drm_baselines.cli.common import MOST_STEPS, guarded
+from drm_baselines.cli.terminal import console, counting, progress_bar, say, say_files, show
 from drm_baselines.cli.train import ConsoleWatcher, training_module
-from drm_baselines.comparison import (
-    Arena,
-    contestant_of_inner_law,
-    contestant_of_law,
-    contestant_of_run,
-    fly_all,
-    report_of,
-    write_comparison,
-)
-from drm_baselines.hyperparameters import load_hyperparameters
-from drm_baselines.metrics import describe
-from drm_baselines.policies import LAWS
-from drm_baselines.policy_names import title_of
-from drm_baselines.statistics import Estimate
-from drm_baselines.tables import comparison_tables, metrics_table, paired_table
+from drm_baselines.hyperparameters import MOST_ENVS, load_hyperparameters
+from drm_baselines.interruption import exit_code, leaving_at_once
+
+if TYPE_CHECKING:
+    from drm_baselines.comparison import Arena
+    from drm_baselines.statistics import Estimate
 
 ENV_ID = "drm_env/SlewResidual-v0"
 STEPS = 2_560_000
@@ -57,7 +48,11 @@ def fresh_directory(base: Path) -> Path:
 
 def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
     """Fly Payload 1 through the standard manoeuvre under each law; write figures and JSON."""
-    from drm_baselines import plots
+    import drm_env
+    from drm_baselines import plots, storage
+    from drm_baselines.policies import LAWS
+    from drm_baselines.policy_names import title_of
+    from drm_baselines.tables import metrics_table
 
     rows: dict[str, Mapping[str, float]] = {}
     files = []
@@ -77,9 +72,7 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
                 overwrite=overwrite,
             )
         )
-    console.print(
-        metrics_table(rows, title="thesis manoeuvre: 50 deg, minimum time, 1 m to 8 m, Payload 1")
-    )
+    show(metrics_table(rows, title="thesis manoeuvre: 50 deg, minimum time, 1 m to 8 m, Payload 1"))
     files.append(
         storage.write_json(
             out / "manoeuvres.json",
@@ -92,6 +85,9 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
 
 def verdict(comparison: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return what the paired comparison with the inner law allows to say, in sentences."""
+    from drm_baselines.metrics import describe
+    from drm_baselines.statistics import Estimate
+
     tip = comparison["tip_error_rms"]
     difference = Estimate(**tip["difference"]).scaled(1e3)
     chance = Estimate(**tip["probability_of_improvement"])
@@ -119,6 +115,8 @@ def verdict(comparison: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _learning_curve(
     run: Path, bands: Mapping[str, Estimate], path: Path, *, overwrite: bool
 ) -> Path:
+    import numpy as np
+
     from drm_baselines import plots
     from drm_baselines.runs import EVALUATIONS_FILE
 
@@ -153,8 +151,8 @@ def _train(run: Path, steps: int, seed: int, n_envs: int | None, *, force: bool)
     with progress_bar() as progress:
         record = training.train(run, request, watcher=ConsoleWatcher(progress, steps), force=force)
     if record.status == "interrupted":
-        console.print(f"training stopped; go on with: drm train --resume --out {run}")
-        raise typer.Exit(130)
+        say(f"training stopped; go on with: drm train --resume --out {shlex.quote(str(run))}")
+        raise typer.Exit(exit_code())
 
 
 @guarded
@@ -167,39 +165,65 @@ def demo(
             show_default=False,
         ),
     ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Environment steps of the training.")] = STEPS,
+    steps: Annotated[
+        int, typer.Option(min=1, max=MOST_STEPS, help="Environment steps of the training.")
+    ] = STEPS,
     episodes: Annotated[int, typer.Option(min=4, help="Episodes of the comparison.")] = 100,
     seed: Annotated[int, typer.Option(min=0, max=999, help="Seed of the training.")] = 0,
     n_envs: Annotated[
         int | None,
-        typer.Option("--n-envs", min=1, max=10_000, help="Environments stepped as one batch."),
+        typer.Option("--n-envs", min=1, max=MOST_ENVS, help="Environments stepped as one batch."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace results in --out.")] = False,
 ) -> None:
     """Fly the thesis' manoeuvre, train an agent on top of the linear law, compare them all."""
     training_module()
+    with leaving_at_once():
+        from drm_baselines import storage
+        from drm_baselines.comparison import (
+            Arena,
+            contestant_of_inner_law,
+            contestant_of_law,
+            contestant_of_run,
+            fly_all,
+            report_of,
+            write_comparison,
+        )
+        from drm_baselines.evaluation import episode_seeds
+        from drm_baselines.policies import LAWS
+        from drm_baselines.tables import comparison_tables, paired_table
+
+    episode_seeds(0, episodes)
     directory = out if out is not None else fresh_directory(Path("results"))
     storage.claim_directory(directory, force=force)
-    console.print(f"results go to {directory}", highlight=False)
+    begun = time.monotonic()
+    say(f"results go to {directory}; three parts, about {_minutes(steps) + 1} min on two cores")
+
+    say("\n1 of 3: the thesis' manoeuvre under every law, payload known and misreported (seconds)")
     files = fly_thesis_manoeuvre(directory, overwrite=force)
 
     run = directory / "ppo"
-    console.print(
-        f"\ntraining PPO on {ENV_ID}: {steps:,} steps, seed {seed}; "
-        f"about {max(1, round(steps / STEPS * 2))} min on two cores",
-        highlight=False,
+    say(
+        f"\n2 of 3: training PPO on {ENV_ID}: {steps:,} steps, seed {seed} (about "
+        f"{_minutes(steps)} min on two cores; Ctrl-C saves it and ends the demo). Every line below "
+        f"is a point of the learning curve, over {CURVE_EPISODES} episodes of its own, which are "
+        "not those of the table at the end."
     )
     _train(run, steps, seed, n_envs, force=force)
 
+    say(
+        f"\n3 of 3: the laws and the trained agent over the same {episodes} episodes, which no "
+        "training has seen (about 20 s with the pictures)"
+    )
     arena = Arena(env_id=ENV_ID, seed=0, episodes=episodes)
     inner = contestant_of_inner_law(arena, arena.config, ENV_ID)
     agent = contestant_of_run(arena, run, label=_AGENT)
     contestants = [*(contestant_of_law(name) for name in LAWS), inner, agent]
-    with flight_progress() as progress:
+    with counting("episodes") as progress:
         flights = fly_all(contestants, arena, progress)
     report = report_of(flights, arena, reference=inner.label)
-    console.print()
-    console.print(
+    say("")
+    show(
         *comparison_tables(
             flights,
             width=console.width,
@@ -208,21 +232,35 @@ def demo(
         )
     )
     paired = report["paired"]["candidates"][agent.label]
-    console.print(paired_table(paired, title=f"{agent.label} minus {inner.label}"))
+    show(paired_table(paired, title=f"{agent.label} minus {inner.label}"))
     sentences = verdict(paired)
     report["verdict"] = sentences
     for line in sentences:
-        console.print(line, highlight=False)
+        say(line)
     files += write_comparison(directory, flights, report, title="SlewResidual-v0", overwrite=force)
     # The inner law alone is the linear law: one line over another.
     drawn = [contestant for contestant in contestants if contestant is not inner]
     files.append(_episode_figure(directory, drawn, arena, overwrite=force))
     files.append(_learning_curve(run, _bands(), directory / "learning_curve.png", overwrite=force))
-    console.print("\nwrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+    say(f"\ndone in {time.monotonic() - begun:.0f} s")
+    say_files(files)
+    say(
+        f"next: look at {directory / 'comparison.png'}; go on with the training: drm train "
+        f"--resume --steps {2 * steps} --out {shlex.quote(str(run))}; fly it anywhere: drm compare "
+        f"none linear {shlex.quote(str(run))}"
+    )
+
+
+def _minutes(steps: int) -> int:
+    """About how long the training takes on two cores, in min."""
+    return max(1, round(steps / STEPS * 2))
 
 
 def _bands() -> dict[str, Estimate]:
     """The laws on the very episodes that the learning curve was measured on."""
+    from drm_baselines.comparison import Arena, contestant_of_law, fly_all
+    from drm_baselines.policies import LAWS
+
     curve = Arena(env_id=ENV_ID, seed=training_module().CURVE_SEED, episodes=CURVE_EPISODES)
     laws = [contestant_of_law(name) for name in LAWS]
     return {flight.label: flight.estimate("tip_error_rms") for flight in fly_all(laws, curve)}

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drm_baselines import storage
-from drm_baselines.cli.common import SET_HELP, console, flight_progress, guarded, parse_options
-from drm_baselines.comparison import Arena, contestant_named, fly_all
+from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.evaluation import config_data, episode_seeds
-from drm_baselines.network import load_policy
-from drm_baselines.records import write_records
-from drm_baselines.tables import comparison_tables
+from drm_baselines.interruption import leaving_at_once
 
 
 @guarded
@@ -46,10 +41,18 @@ def evaluate(
         Path | None, typer.Option(help="File for the aggregates as JSON, SI units and radians.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the aggregates as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
     set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
 ) -> None:
     """Fly one policy over seeded episodes and report the engine's metrics."""
+    with leaving_at_once():
+        from drm_baselines import storage
+        from drm_baselines.comparison import Arena, contestant_named, fly_all
+        from drm_baselines.evaluation import config_data, episode_seeds
+        from drm_baselines.network import load_policy
+        from drm_baselines.records import write_records
+        from drm_baselines.tables import comparison_tables
+
     episode_seeds(seed, episodes)
     options = parse_options(set_options)
     if env_id is None:
@@ -63,11 +66,11 @@ def evaluate(
     if records is not None and records.suffix not in (".csv", ".parquet"):
         raise BaselineError(f"--records takes a .csv or .parquet file, got {records}")
     for path in (records, out):
-        if path is not None and path.exists() and not force:
-            storage.refuse(path)
+        if path is not None:
+            storage.claim_file(path, force=force)
     arena = Arena(env_id=env_id, options=options, seed=seed, episodes=episodes)
     contestant = contestant_named(arena, policy)
-    with flight_progress() as progress:
+    with counting("episodes") as progress:
         flights = fly_all([contestant], arena, progress)
     report = {
         "format": "drm-evaluation",
@@ -79,11 +82,9 @@ def evaluate(
         "provenance": storage.provenance(),
     }
     if as_json:
-        typer.echo(json.dumps(storage.plain(report), indent=2))
+        say_json(report)
     else:
-        console.print(
-            *comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width)
-        )
+        show(*comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width))
     files: list[Path] = []
     if records is not None:
         files += write_records(
@@ -94,5 +95,5 @@ def evaluate(
         )
     if out is not None:
         files.append(storage.write_json(out, report, overwrite=force))
-    if files and not as_json:
-        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+    if not as_json:
+        say_files(files)

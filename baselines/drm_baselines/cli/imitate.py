@@ -7,18 +7,23 @@ from typing import Annotated, Any
 
 import typer
 
-from drm_baselines.cli.common import console, guarded, progress_bar
-from drm_baselines.errors import BaselineError
-from drm_baselines.network import load_policy
+from drm_baselines import memory
+from drm_baselines.cli.common import MOST_MANOEUVRES, MOST_ROUNDS, guarded
+from drm_baselines.cli.terminal import progress_bar, say
+from drm_baselines.errors import BaselineError, missing_extra
+from drm_baselines.interruption import exit_code, leaving_at_once
+
+_PLAN_BYTES = 200_000
+_INTERVALS_BYTES = 2_000_000
+"""What a plan, and the linearised intervals of a manoeuvre, take at most while they are joined."""
 
 
 def _modules() -> tuple[Any, Any, Any, Any]:
     try:
-        from drm_baselines.imitation import dagger, refining, sensitivity, teacher
+        with leaving_at_once():
+            from drm_baselines.imitation import dagger, refining, sensitivity, teacher
     except ImportError as error:
-        raise BaselineError(
-            f"imitation needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
-        ) from error
+        raise missing_extra("imitation", "learn", error) from error
     return dagger, refining, sensitivity, teacher
 
 
@@ -37,27 +42,47 @@ def imitate(
         typer.Option(help="Directory of what the teacher works out beforehand; made if missing."),
     ] = Path("results/benchmark/teacher"),
     scenarios: Annotated[
-        int, typer.Option(min=4, help="Manoeuvres that the teacher plans, a quarter a stratum.")
+        int,
+        typer.Option(
+            min=4,
+            max=MOST_MANOEUVRES,
+            help="Manoeuvres that the teacher plans, a quarter a stratum.",
+        ),
     ] = 800,
     rounds: Annotated[
-        int | None, typer.Option(min=1, help="Rounds of flying and learning.", show_default=False)
+        int | None,
+        typer.Option(
+            min=1, max=MOST_ROUNDS, help="Rounds of flying and learning.", show_default=False
+        ),
     ] = None,
     manoeuvres: Annotated[
         int | None,
-        typer.Option(min=4, help="Manoeuvres for the refinement.", show_default=False),
+        typer.Option(
+            min=4, max=MOST_MANOEUVRES, help="Manoeuvres for the refinement.", show_default=False
+        ),
     ] = None,
     refine: Annotated[
         int | None,
-        typer.Option(min=0, help="Gradient steps of the refinement.", show_default=False),
+        typer.Option(
+            min=0, max=MOST_ROUNDS, help="Gradient steps of the refinement.", show_default=False
+        ),
     ] = None,
     batch: Annotated[
         int | None,
-        typer.Option(min=4, help="Manoeuvres flown for each of them.", show_default=False),
+        typer.Option(
+            min=4,
+            max=MOST_MANOEUVRES,
+            help="Manoeuvres flown for each of them.",
+            show_default=False,
+        ),
     ] = None,
     settle: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Gradient steps of the second refinement, towards rest.", show_default=False
+            min=0,
+            max=MOST_ROUNDS,
+            help="Gradient steps of the second refinement, towards rest.",
+            show_default=False,
         ),
     ] = None,
     start: Annotated[
@@ -81,6 +106,13 @@ def imitate(
     if start is not None and (rounds is not None or refine is not None):
         raise BaselineError("--rounds and --refine are over for a student that --start names")
     dagger, refining, sensitivity, teachers = _modules()
+    from drm_baselines import storage
+    from drm_baselines.network import load_policy
+
+    # before the minutes that the teacher takes
+    storage.check_directory(out, force=force)
+    if start is not None:
+        load_policy(start)
     teaching = teachers.Teaching(scenarios=scenarios)
     given = {"manoeuvres": manoeuvres, "batch": batch}
     stages = {
@@ -90,6 +122,10 @@ def imitate(
     refinement = stages["refinement"]
     settings = {} if rounds is None else {"rounds": rounds}
     study = dagger.Study(seed=seed, teaching=teaching, **stages, **settings)
+    memory.require(
+        scenarios * _PLAN_BYTES + refinement.manoeuvres * _INTERVALS_BYTES,
+        f"{scenarios:,} plans and {refinement.manoeuvres:,} linearised manoeuvres",
+    )
     with progress_bar() as progress:
         plans = [] if start else teachers.load_plans(teacher / "plans.npz", teaching)
         if plans is None:
@@ -121,16 +157,15 @@ def imitate(
             progress.update(tasks[stage], completed=number)
             if point is None:
                 return
-            console.print(
+            say(
                 f"{stage} {number:>4}: {point['steps']:>12,.0f} decisions "
                 f"{point['wall_time']:5.0f} s   tip error RMS {point['tip_error_rms'] * 1e3:.3f} mm"
                 f"   residual {point['residual_rms'] * 1e3:.3f} mm"
-                f"   settled {100 * point['settled']:.0f} %",
-                highlight=False,
+                f"   settled {100 * point['settled']:.0f} %"
             )
 
         dagger.imitate(out, study, plans, intervals, start=start, force=force, watch=watch)
     finished = load_policy(out).description["training"]["finished"]
-    console.print(f"{'saved' if finished else 'interrupted; saved'} in {out}", soft_wrap=True)
+    say(f"{'saved' if finished else 'interrupted; saved'} in {out}")
     if not finished:
-        raise typer.Exit(130)
+        raise typer.Exit(exit_code())

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-import drm_env
-from drm_baselines import storage
-from drm_baselines.cli.common import console, guarded
+from drm_baselines.cli.common import JSON_HELP, guarded
+from drm_baselines.cli.terminal import say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.interruption import leaving_at_once
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 PLANTS = ("thesis", "consistent", "finite_element", "exact_rigid_link1")
 
@@ -81,19 +82,24 @@ def modes(
         typer.Option(help="Number of finite elements; 60 by default.", show_default=False),
     ] = None,
     count: Annotated[
-        int, typer.Option(min=1, help="Number of frequencies, where a plant has so many.")
+        int,
+        typer.Option(min=1, help="Number of frequencies, where a plant has so many."),
     ] = 3,
     plot: Annotated[
         Path | None,
         typer.Option(help="Draw the frequencies over the extension into this file (PNG)."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing figure.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
 ) -> None:
     """Show natural frequencies (Hz) of the arm at rest at fixed lengths.
 
     The rotation of the whole arm about the shoulder, which has no frequency, is left out.
     """
+    with leaving_at_once():
+        import drm_env
+        from drm_baselines import storage
+
     names = tuple(dict.fromkeys(plant or PLANTS))
     unknown = [name for name in names if name not in PLANTS]
     if unknown:
@@ -107,8 +113,8 @@ def modes(
                 raise BaselineError(f"--{name} is for the plants thesis and consistent")
     if elements is not None and "finite_element" not in names:
         raise BaselineError("--elements is for the plant finite_element")
-    if plot is not None and plot.exists() and not force:
-        storage.refuse(plot)
+    if plot is not None:
+        storage.claim_file(plot, force=force)
     places = sorted(set(extensions)) if extensions else [float(a) for a in range(1, 9)]
     models: dict[str, drm_env.Model] = {}
     for name in names:
@@ -124,22 +130,23 @@ def modes(
         found[name] = [
             [float(f) for f in model.natural_frequencies(a, wanted)[:count]] for a in places
         ]
+    if as_json:
+        say_json(
+            {
+                "payload": payload,
+                "extensions": places,
+                "units": "SI, frequencies in Hz",
+                "natural_frequencies": found,
+            }
+        )
+    else:
+        show(_table(places, found, _title(payload)))
     if plot is not None:
         from drm_baselines.frequency_plot import plot_natural_frequencies
 
         plot_natural_frequencies(places, found, plot, title=_title(payload), overwrite=force)
-    if as_json:
-        content = {
-            "payload": payload,
-            "extensions": places,
-            "units": "SI, frequencies in Hz",
-            "natural_frequencies": found,
-        }
-        typer.echo(json.dumps(storage.plain(content), indent=2))
-        return
-    console.print(_table(places, found, _title(payload)))
-    if plot is not None:
-        console.print(f"wrote {plot}", soft_wrap=True)
+        if not as_json:
+            say_files([plot])
 
 
 def _title(payload: dict[str, Any]) -> str:
@@ -147,6 +154,8 @@ def _title(payload: dict[str, Any]) -> str:
 
 
 def _table(places: list[float], found: dict[str, list[list[float]]], title: str) -> Table:
+    from rich.table import Table
+
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("extension\n(m)", justify="right")
     for name in found:

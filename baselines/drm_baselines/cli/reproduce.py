@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import console, guarded, progress_bar
+from drm_baselines.cli.common import guarded
+from drm_baselines.cli.terminal import progress_bar, say, show
+from drm_baselines.interruption import leaving_at_once
 
 
 @guarded
@@ -42,11 +44,11 @@ def reproduce(
     not reproduced, with the reason. The studies named consistent-* fly the plant that follows the
     particles and turns link 2 with link 1, which the thesis does not have.
     """
-    # These need matplotlib and scipy, which the other commands should not wait for.
-    from drm_baselines.thesis import select, terminal, writing
+    with leaving_at_once():
+        from drm_baselines.thesis import select, terminal, writing
 
     if show_list:
-        console.print(terminal.list_table())
+        show(terminal.list_table())
         return
     chosen = select(only)
     writing.claim(out, force=force)
@@ -61,9 +63,9 @@ def reproduce(
     if only:
         for entry, outcome in results:
             # A wide table runs on rather than lose its last columns.
-            console.print(terminal.rows_table(entry, outcome), crop=False)
+            show(terminal.rows_table(entry, outcome), crop=False)
     else:
-        console.print(terminal.overview_table(results))
-        console.print(terminal.misses_table(results))
-    console.print(writing.summary(results))
-    console.print(f"wrote {len(files)} files, such as {files[-1]}", soft_wrap=True)
+        show(terminal.overview_table(results))
+        show(terminal.misses_table(results))
+    say(writing.summary(results))
+    say(f"wrote {len(files)} files, such as {files[-1]}")

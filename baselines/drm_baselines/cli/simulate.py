@@ -3,46 +3,22 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
-import drm_env
-from drm_baselines import storage
-from drm_baselines.cli.common import console, guarded
+from drm_baselines.cli.common import guarded
+from drm_baselines.cli.terminal import say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.policies import law_data
-from drm_baselines.tables import metrics_table
+from drm_baselines.interruption import leaving_at_once
+from drm_baselines.reading import read_table, shown
 
-
-def read_scenario(path: Path) -> dict[str, Any]:
-    """Read a scenario from a JSON or TOML file.
-
-    Raises
-    ------
-    BaselineError
-        Missing, malformed, or neither JSON nor TOML.
-    """
-    readers = {".json": json.loads, ".toml": tomllib.loads}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise BaselineError(f"{path}: a scenario is a .json or .toml file")
-    try:
-        content = reader(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BaselineError(f"no scenario file {path}") from None
-    except (OSError, ValueError) as error:
-        raise BaselineError(f"{path} cannot be read: {error}") from error
-    if not isinstance(content, dict):
-        raise BaselineError(f"{path} must hold a table of scenario values")
-    return content
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 def with_value(scenario: Mapping[str, Any], path: str, value: Any) -> dict[str, Any]:
@@ -58,7 +34,7 @@ def with_value(scenario: Mapping[str, Any], path: str, value: Any) -> dict[str, 
     if not rest:
         return {**scenario, first: value}
     if not isinstance(inner, Mapping):
-        raise BaselineError(f"scenario: {first} must be a table, got {inner!r}")
+        raise BaselineError(f"scenario: {first} must be a table, got {shown(inner)}")
     return {**scenario, first: with_value(inner, rest, value)}
 
 
@@ -66,6 +42,10 @@ def write_trajectory(
     path: Path, flight: Mapping[str, NDArray[np.float64]], *, overwrite: bool
 ) -> Path:
     """Write the signals of a flight as CSV, one column a signal, SI units and radians."""
+    import numpy as np
+
+    from drm_baselines import storage
+
     names = list(flight)
     with (
         storage.atomic_path(path, overwrite=overwrite) as temporary,
@@ -116,7 +96,7 @@ def simulate(
         ),
     ] = None,
     decimation: Annotated[
-        int, typer.Option(min=1, help="Keep every so many samples of the sample period.")
+        int, typer.Option(min=1, max=10**9, help="Keep every so many samples of the sample period.")
     ] = 5,
     force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
     as_json: Annotated[
@@ -124,7 +104,13 @@ def simulate(
     ] = False,
 ) -> None:
     """Simulate one manoeuvre in closed loop and show its metrics."""
-    description = read_scenario(scenario) if scenario is not None else {}
+    with leaving_at_once():
+        import drm_env
+        from drm_baselines import storage
+        from drm_baselines.policies import law_data
+        from drm_baselines.tables import metrics_table
+
+    description = read_table(scenario, "scenario file") if scenario is not None else {}
     for path, value in (
         ("payload.mass", payload_mass),
         ("payload.length", payload_length),
@@ -157,24 +143,24 @@ def simulate(
         "provenance": storage.provenance(),
     }
     if as_json:
-        typer.echo(json.dumps(storage.plain(report), indent=2))
+        say_json(report)
     else:
-        console.print(
+        show(
             metrics_table(
                 {name: flight.metrics for name, flight in flights.items()}, title="manoeuvre"
             )
         )
     if out is None:
         return
-    from drm_baselines import plots
-
     files = [
         write_trajectory(out / f"{name}.csv", flight, overwrite=force)
         for name, flight in flights.items()
     ]
     files.append(storage.write_json(out / "simulation.json", report, overwrite=force))
+    from drm_baselines import plots
+
     files.append(
         plots.plot_manoeuvres(flights, out / "manoeuvre.png", title="manoeuvre", overwrite=force)
     )
     if not as_json:
-        console.print("wrote " + ", ".join(str(file) for file in files), soft_wrap=True)
+        say_files(files)

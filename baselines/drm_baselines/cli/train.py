@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import Progress, TaskID
 
-from drm_baselines.cli.common import SET_HELP, console, guarded, parse_options, progress_bar
-from drm_baselines.errors import BaselineError
-from drm_baselines.metrics import describe
-from drm_baselines.runs import load_run
-from drm_baselines.tables import interval
+from drm_baselines import hyperparameters as settings_files
+from drm_baselines.cli.common import (
+    MOST_STEPS,
+    SET_HELP,
+    guarded,
+    parse_options,
+)
+from drm_baselines.cli.terminal import progress_bar, say
+from drm_baselines.errors import BaselineError, missing_extra
+from drm_baselines.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from drm_baselines.training import Point
 
 
@@ -38,6 +45,9 @@ class ConsoleWatcher:
 
     def evaluated(self, point: Point) -> None:
         """Print the point."""
+        from drm_baselines.metrics import describe
+        from drm_baselines.tables import interval
+
         self.points.append(point)
         self._progress.update(self._task, completed=point.steps)
         cells = []
@@ -46,12 +56,7 @@ class ConsoleWatcher:
             cells.append(
                 f"{metric.label} {interval(point.episodes.estimate(name), metric)} {metric.unit}"
             )
-        console.print(
-            f"{point.steps:>10,} steps {point.wall_time:6.0f} s   " + "   ".join(cells),
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        say(f"{point.steps:>10,} steps {point.wall_time:6.0f} s   " + "   ".join(cells))
 
 
 def training_module() -> Any:
@@ -63,11 +68,10 @@ def training_module() -> Any:
         Torch or Stable-Baselines3 is not installed.
     """
     try:
-        from drm_baselines import training
+        with leaving_at_once():
+            from drm_baselines import training
     except ImportError as error:
-        raise BaselineError(
-            f"training needs the extra 'learn' (pip install 'drm-baselines[learn]'): {error}"
-        ) from error
+        raise missing_extra("training", "learn", error) from error
     return training
 
 
@@ -88,6 +92,7 @@ def train(
         int | None,
         typer.Option(
             min=1,
+            max=MOST_STEPS,
             help="Environment steps in all, over all environments and including "
             "those done before a --resume; 4,000,000 by default.",
             show_default=False,
@@ -104,7 +109,13 @@ def train(
     ] = None,
     n_envs: Annotated[
         int | None,
-        typer.Option("--n-envs", min=1, max=10_000, help="Environments stepped as one batch."),
+        typer.Option(
+            "--n-envs",
+            min=1,
+            max=settings_files.MOST_ENVS,
+            help="Environments stepped as one batch; those of the hyperparameters by default.",
+            show_default=False,
+        ),
     ] = None,
     hyperparameters: Annotated[
         Path | None, typer.Option(help="TOML file of settings instead of the packaged ones.")
@@ -116,27 +127,39 @@ def train(
             show_default=False,
         ),
     ] = None,
-    evaluations: Annotated[int, typer.Option(min=1, help="Points of the learning curve.")] = 10,
+    evaluations: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_STEPS,
+            help="Points of the learning curve; 10 by default.",
+            show_default=False,
+        ),
+    ] = None,
     evaluation_episodes: Annotated[
-        int, typer.Option(min=2, help="Episodes behind each point of the learning curve.")
-    ] = 100,
+        int | None,
+        typer.Option(
+            min=2,
+            help="Episodes behind each point of the learning curve; 100 by default.",
+            show_default=False,
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
     set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
 ) -> None:
-    """Train PPO or SAC; Ctrl-C saves the run, which --resume then continues.
+    """Train PPO or SAC; Ctrl-C (SIGTERM, SIGHUP) saves the run, which --resume then continues.
 
     The directory receives run.json (everything needed to repeat the run), the policy as
     safetensors and JSON, the learning curve as CSV, TensorBoard events and a checkpoint. The
     checkpoint is a pickle that --resume alone reads: resume only runs of your own.
     """
-    from drm_baselines import hyperparameters as settings_files
-
     if resume:
         given = {"--algo": algo, "--env": env_id, "--seed": seed, "--n-envs": n_envs,
                  "--hyperparameters": hyperparameters, "--start": start,
+                 "--evaluations": evaluations, "--evaluation-episodes": evaluation_episodes,
                  "--set": set_options or None,
                  "--force": force or None}  # fmt: skip
         for name, value in given.items():
@@ -144,6 +167,8 @@ def train(
                 raise BaselineError(
                     f"{name} cannot be given with --resume: a run goes on with what it began with"
                 )
+        from drm_baselines.runs import load_run
+
         record = load_run(out)
         total = steps if steps is not None else record.target_steps
         training = training_module()
@@ -165,18 +190,17 @@ def train(
             steps=steps if steps is not None else 4_000_000,
             seed=seed if seed is not None else 0,
             settings=settings,
-            evaluations=evaluations,
-            evaluation_episodes=evaluation_episodes,
+            evaluations=evaluations if evaluations is not None else 10,
+            evaluation_episodes=evaluation_episodes if evaluation_episodes is not None else 100,
             start=start,
         )
         with progress_bar() as progress:
             watcher = ConsoleWatcher(progress, request.steps)
             record = training.train(out, request, watcher=watcher, force=force)
-    console.print(
+    say(
         f"{record.status} after {record.steps:,} steps and {record.wall_time:.0f} s of training; "
-        f"saved in {out}",
-        highlight=False,
+        f"saved in {out}"
     )
     if record.status == "interrupted":
-        console.print(f"go on with: drm train --resume --out {out}", highlight=False)
-        raise typer.Exit(130)
+        say(f"go on with: drm train --resume --out {shlex.quote(str(out))}")
+        raise typer.Exit(exit_code())

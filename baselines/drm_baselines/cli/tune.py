@@ -2,42 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import shlex
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from drm_baselines import storage
-from drm_baselines.cli.common import console, errors, guarded, progress_bar
+from drm_baselines.cli.common import (
+    JSON_HELP,
+    MOST_MANOEUVRES,
+    MOST_STEPS,
+    MOST_TRIALS,
+    guarded,
+)
+from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from drm_baselines.benchmark.tuning import Outcome
 
 _RESULTS = Path("results") / "tune"
 
 
-@contextlib.contextmanager
-def _trial_progress() -> Iterator[Callable[[str, int, int, str], None]]:
-    """Yield a function that shows (label, done, total, note) as one bar a label."""
-    with progress_bar() as progress:
-        tasks: dict[str, Any] = {}
-
-        def show(label: str, done: int, total: int, note: str) -> None:
-            if label not in tasks:
-                # what was there before took no time now: the estimate must not count it
-                tasks[label] = progress.add_task(label, total=total, completed=done, note=note)
-            progress.update(tasks[label], completed=done, total=total, note=note)
-
-        yield show
-
-
 def _table(content: dict[str, Any]) -> Table:
+    from rich.table import Table
+
     units = {each["name"]: each["unit"] for each in content["search"]["space"]}
     table = Table(header_style="bold")
     table.add_column("parameter")
@@ -52,18 +44,17 @@ def _table(content: dict[str, Any]) -> Table:
 def _report(outcome: Outcome) -> None:
     content = outcome.content
     objective, trials = content["objective"], content["trials"]
-    console.print(_table(content))
+    show(_table(content))
     first = objective["first"]
     since = "" if first is None else f" (first trial: {first:.2f} mm)"
-    console.print(
+    say(
         f"{content['name']}: tip error RMS {objective['value']:.2f} mm{since}, trial "
         f"{trials['best']} of {trials['count']}, {trials['pruned']} of them not flown; "
-        f"{content['budget']['wall_seconds']:.0f} s",
-        highlight=False,
+        f"{content['budget']['wall_seconds']:.0f} s"
     )
     if content["at_edge"]:
-        console.print(f"at the edge of the search: {', '.join(content['at_edge'])}")
-    console.print("wrote " + ", ".join(str(file) for file in outcome.files), soft_wrap=True)
+        say(f"at the edge of the search: {', '.join(content['at_edge'])}")
+    say_files(outcome.files)
 
 
 @guarded
@@ -87,6 +78,7 @@ def tune(
         int | None,
         typer.Option(
             min=1,
+            max=MOST_MANOEUVRES,
             help="Laws: manoeuvres of all four strata together; 400 by default.",
             show_default=False,
         ),
@@ -95,6 +87,7 @@ def tune(
         int | None,
         typer.Option(
             min=1,
+            max=MOST_STEPS,
             help="Learning: environment steps of each training; 400,000 by default.",
             show_default=False,
         ),
@@ -103,6 +96,7 @@ def tune(
         int | None,
         typer.Option(
             min=1,
+            max=MOST_TRIALS,
             help="Trials in all, including those of an earlier start; 200 for laws, 20 for "
             "learning by default.",
             show_default=False,
@@ -144,7 +138,7 @@ def tune(
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
 ) -> None:
     """Tune the gains of a control law, or search the settings of a learning algorithm.
 
@@ -153,7 +147,8 @@ def tune(
     packaged settings. The same command goes on with a search that was interrupted (Ctrl-C keeps
     what is there) and ends with the same digits; more --trials extend one.
     """
-    from drm_baselines.benchmark import tuning
+    with leaving_at_once():
+        from drm_baselines.benchmark import tuning
 
     tuning.check_target(target)
     is_law = target in tuning.GAINS
@@ -164,7 +159,7 @@ def tune(
     for name, value in given.items():
         if value is not None:
             raise BaselineError(f"{name} means nothing for {target}")
-    with _trial_progress() as progress:
+    with counting() as progress:
         if is_law:
             request = tuning.LawRequest(
                 law=target,
@@ -192,24 +187,20 @@ def tune(
             outcome = tuning.tune_learning(directory, settings, force=force, progress=progress)
     count = outcome.content["trials"]["count"]
     if outcome.found:
-        errors.print(
+        note(
             f"went on with {directory}: {outcome.found} trials were there, "
-            f"{count - outcome.found} are new",
-            highlight=False,
-            soft_wrap=True,
+            f"{count - outcome.found} are new"
         )
     if as_json:
-        typer.echo(json.dumps(storage.plain(outcome.content), indent=2))
+        say_json(outcome.content)
     else:
         _report(outcome)
     if outcome.interrupted:
-        errors.print(
+        note(
             f"interrupted after {count} trials; go on with: {command} "
-            f"--out {shlex.quote(str(directory))}",
-            highlight=False,
-            soft_wrap=True,
+            f"--out {shlex.quote(str(directory))}"
         )
-        raise typer.Exit(130)
+        raise typer.Exit(exit_code())
     if package:
         path = tuning.package(outcome)
-        errors.print(f"packaged {path.name}", highlight=False)
+        note(f"packaged {path.name}")

@@ -1,9 +1,9 @@
-"""Results as tables for the terminal."""
+"""Results as tables for the terminal, whose console takes every string as plain text."""
 
 from __future__ import annotations
 
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from drm_baselines.thesis.catalogue import entries
 from drm_baselines.thesis.results import Entry, Grid, Outcome, Verdict
@@ -17,8 +17,8 @@ _COLOURS = {
 }
 
 
-def _verdict(verdict: Verdict) -> str:
-    return f"[{_COLOURS[verdict]}]{verdict.value}[/]"
+def _verdict(verdict: Verdict, text: str) -> Text:
+    return Text(text, style=_COLOURS[verdict])
 
 
 def list_table() -> Table:
@@ -28,7 +28,7 @@ def list_table() -> Table:
     table.add_column("section", no_wrap=True)
     table.add_column("title")
     for entry in entries().values():
-        table.add_row(entry.name, entry.section, escape(entry.title))
+        table.add_row(entry.name, entry.section, entry.title)
     return table
 
 
@@ -36,37 +36,33 @@ def rows_table(entry: Entry, outcome: Outcome) -> Table:
     """Return the rows of one entry, or its grid if it has one."""
     if outcome.grid is not None:
         return _grid_table(entry, outcome, outcome.grid)
-    table = Table(
-        title=escape(f"{entry.name}: {entry.title}"), title_justify="left", header_style="bold"
-    )
+    table = Table(title=f"{entry.name}: {entry.title}", title_justify="left", header_style="bold")
     for name in ("quantity", "published", "ours", "difference", "verdict", "reason"):
         numeric = name in ("published", "ours", "difference")
         table.add_column(name, justify="right" if numeric else "left", no_wrap=numeric)
     for row in outcome.rows:
         unit = f" ({row.unit})" if row.unit else ""
         table.add_row(
-            escape(row.quantity + unit),
-            escape(shown(row.published)),
+            row.quantity + unit,
+            shown(row.published),
             shown(row.ours),
             percent(row),
-            _verdict(row.verdict),
-            escape(row.reason),
+            _verdict(row.verdict, row.verdict.value),
+            row.reason,
         )
-    table.caption = escape(outcome.note)
+    table.caption = outcome.note
     table.caption_justify = "left"
     return table
 
 
 def _grid_table(entry: Entry, outcome: Outcome, grid: Grid) -> Table:
-    table = Table(
-        title=escape(f"{entry.name}: {entry.title}"), title_justify="left", header_style="bold"
-    )
+    table = Table(title=f"{entry.name}: {entry.title}", title_justify="left", header_style="bold")
     for index, name in enumerate(grid.columns):
         widest = max((len(line[index]) for line in grid.lines), default=0)
         table.add_column(name, justify="right", min_width=widest)
     for line in grid.lines:
-        table.add_row(*(escape(text) for text in line))
-    table.caption = escape(outcome.note)
+        table.add_row(*line)
+    table.caption = outcome.note
     table.caption_justify = "left"
     return table
 
@@ -80,11 +76,8 @@ def overview_table(results: Results) -> Table:
         table.add_column("\n".join(verdict.value.split(" ", 1)), justify="right")
     for entry, outcome in results:
         found = counts([(entry, outcome)])
-        cells = [
-            f"[{_COLOURS[verdict]}]{found[verdict]}[/]" if found[verdict] else ""
-            for verdict in Verdict
-        ]
-        table.add_row(entry.name, escape(entry.title), *cells)
+        cells = [_verdict(verdict, str(found[verdict] or "")) for verdict in Verdict]
+        table.add_row(entry.name, entry.title, *cells)
     return table
 
 
@@ -104,9 +97,9 @@ def misses_table(results: Results) -> Table:
                 unit = f" ({row.unit})" if row.unit else ""
                 table.add_row(
                     entry.name,
-                    escape(row.quantity + unit),
-                    escape(shown(row.published)),
+                    row.quantity + unit,
+                    shown(row.published),
                     shown(row.ours),
-                    escape(row.reason),
+                    row.reason,
                 )
     return table
