@@ -494,6 +494,28 @@ def test_more_episodes_than_fit_are_refused_before_anything_happens(
     assert not out.exists()
 
 
+def test_flights_that_do_not_fit_are_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(memory, "available", lambda: 1 << 30)
+    out = tmp_path / "out"
+    message = refuse("simulate", "--horizon", 1e6, "--out", out)
+    assert "3 flights of 1e+06 s, decimation 5, would take about 112 GiB of memory" in message
+    assert not out.exists()
+
+
+def test_a_flight_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from drm_baselines.cli import simulate
+
+    out = tmp_path / "out"
+    monkeypatch.setattr(simulate, "_ROWS", 7)
+    options = ("--law", "none", "--horizon", 1, "--decimation", 1)
+    assert drm("simulate", *options, "--out", out).exit_code == 0
+    rows = (out / "none.csv").read_text().splitlines()
+    times = [float(row.split(",")[0]) for row in rows[1:]]
+    assert times == pytest.approx([0.002 * k for k in range(501)])
+
+
 def test_memory_is_judged_by_what_is_available(monkeypatch: pytest.MonkeyPatch) -> None:
     room = memory.available()
     if room is not None:

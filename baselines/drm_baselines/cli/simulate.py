@@ -19,6 +19,9 @@ from drm_baselines.reading import read_table, shown
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+_ROWS = 10_000
+_SAMPLE_BYTES = 400
+"""What a kept sample of a flight takes: some twenty signals, and a copy of them on the way."""
 
 
 def with_value(scenario: Mapping[str, Any], path: str, value: Any) -> dict[str, Any]:
@@ -47,14 +50,36 @@ def write_trajectory(
     from drm_baselines import storage
 
     names = list(flight)
+    count = flight[names[0]].size
     with (
         storage.atomic_path(path, overwrite=overwrite) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as stream,
     ):
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows(np.column_stack([flight[name] for name in names]).tolist())
+        # as Python's numbers a long flight takes several times its arrays
+        for first in range(0, count, _ROWS):
+            part = slice(first, first + _ROWS)
+            writer.writerows(np.column_stack([flight[name][part] for name in names]).tolist())
     return path
+
+
+def _check_memory(description: Mapping[str, Any], decimation: int, laws: int) -> None:
+    """Refuse flights whose signals do not fit; what is no time the engine refuses.
+
+    Raises
+    ------
+    BaselineError
+        The message says how much they would take.
+    """
+    from drm_baselines import memory
+
+    horizon, period = description.get("horizon", 20.0), description.get("sample_period", 2e-3)
+    times = [each for each in (horizon, period) if isinstance(each, (int, float)) and each > 0.0]
+    if len(times) < 2 or not math.isfinite(horizon):
+        return
+    size = min(horizon / period / decimation * laws * _SAMPLE_BYTES, 2.0**80)
+    memory.require(int(size), f"{laws} flights of {horizon:g} s, decimation {decimation},")
 
 
 @guarded
@@ -127,6 +152,7 @@ def simulate(
     if len(set(names)) != len(names):
         raise BaselineError(f"--law is given twice: {', '.join(names)}")
     laws = {name: law_data(name) for name in names}
+    _check_memory(description, decimation, len(laws))
     if out is not None:
         storage.claim_directory(out, force=force)
     flights = {
