@@ -54,6 +54,8 @@ class Competitor:
         Settings of the receding-horizon controller, for what it flies.
     runs
         Directories of the trained policies, by training seed.
+    title
+        Name in tables and pictures; by default that of :mod:`drm_baselines.policy_names`.
     """
 
     policy: str
@@ -62,11 +64,12 @@ class Competitor:
     law: Mapping[str, Any] | None = None
     receding: Receding | None = None
     runs: Mapping[int, Path] = field(default_factory=dict)
+    title: str = ""
 
-    @property
-    def title(self) -> str:
-        """Name in tables and pictures."""
-        return title_of(self.policy)
+    def __post_init__(self) -> None:
+        """Take the title that the policy has everywhere, unless another is given."""
+        if not self.title:
+            object.__setattr__(self, "title", title_of(self.policy))
 
     def episodes(self, manoeuvres: Manoeuvres) -> NDArray[np.int64]:
         """Return the episodes of a suite that are flown, evenly spread."""
