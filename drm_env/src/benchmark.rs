@@ -9,7 +9,7 @@ use crate::config::EnvConfig;
 use crate::env::Env;
 use crate::error::{ConfigError, Error};
 use crate::lane::{Instructions, Laned, Pack};
-use crate::leg::{Carried, Leg, WheelDrive};
+use crate::leg::{Carried, Leg, Switches, WheelDrive};
 use crate::parameter::Overrides;
 use crate::plan::Plan;
 use crate::plant::RigidInertia;
@@ -150,7 +150,7 @@ impl<T: Vector> Work for Slew<'_, T> {
                     steps: *steps_per_sample,
                     still: false,
                 };
-                leg.fly::<true, false, true>(motion, &mut root, &mut tip, &mut carried);
+                leg.fly(Switches::USUAL, motion, &mut root, &mut tip, &mut carried);
                 steps += *steps_per_sample;
             }
         }

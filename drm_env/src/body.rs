@@ -422,8 +422,8 @@ impl<T: Number> Work for Implicit<'_, T> {
         let balance = scheme.balance_point();
         let mut begin = from;
         for step in 0..self.span.steps {
-            let root = self.drives[0].step::<false>(self.wheels[0], h);
-            let tip = self.drives[1].step::<false>(self.wheels[1], h);
+            let root = self.drives[0].step(false, self.wheels[0], h);
+            let tip = self.drives[1].step(false, self.wheels[1], h);
             let end = if step + 1 == self.span.steps {
                 self.span.until
             } else {

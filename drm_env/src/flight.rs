@@ -10,7 +10,7 @@ use crate::body::{Body, Implicit, Motion, Outputs};
 use crate::control::{KnownInertia, LawMemory, Measurement, WheelTorques};
 use crate::error::{ConfigError, SnapshotError};
 use crate::lane::{Laned, Number, laned};
-use crate::leg::{Carried, Leg, WheelDrive};
+use crate::leg::{Carried, Leg, Switches, WheelDrive};
 use crate::lines::Lines;
 use crate::metrics::{Accumulator, Metrics, Sample};
 use crate::motor::CurrentGains;
@@ -208,6 +208,17 @@ impl Shared {
             per_steps: 1.0 / plan.steps_per_sample() as f64,
             axial_load: scenario.dynamics.axial_load,
             particle_following: scenario.dynamics.particle_following,
+        }
+    }
+}
+
+impl Shared {
+    /// Any dynamics, with any wheels.
+    fn switches(&self) -> Switches {
+        Switches {
+            axial_load: self.axial_load,
+            particle_following: self.particle_following,
+            ideal_wheels: false,
         }
     }
 }
@@ -620,11 +631,11 @@ impl<T: Number> Flight<T> {
                         && self.shared.axial_load
                         && !self.shared.particle_following
                     {
-                        leg.fly::<true, false, true>(motion, root, tip, carried)
+                        leg.fly(Switches::USUAL, motion, root, tip, carried)
                     } else {
                         T::enter(General {
                             leg: &leg,
-                            switches: (self.shared.axial_load, self.shared.particle_following),
+                            switches: self.shared.switches(),
                             motion,
                             root,
                             tip,
@@ -707,7 +718,7 @@ impl<T: Number> Flight<T> {
                     };
                     let torques = f64::enter(General {
                         leg: &leg,
-                        switches: (self.shared.axial_load, self.shared.particle_following),
+                        switches: self.shared.switches(),
                         motion,
                         root,
                         tip,
@@ -859,8 +870,7 @@ impl<T: Number> WheelLimits<T> {
 /// A leg of the thesis plant with any switches and wheels.
 struct General<'a, 'b, T: Number> {
     leg: &'a Leg<'b, T>,
-    /// Axial load and particle following.
-    switches: (bool, bool),
+    switches: Switches,
     motion: &'a mut [T; 6],
     root: &'a mut WheelState<T>,
     tip: &'a mut WheelState<T>,
@@ -883,12 +893,7 @@ impl<T: Number> Work for General<'_, '_, T> {
             tip,
             carried,
         } = self;
-        match switches {
-            (true, false) => leg.fly::<true, false, false>(motion, root, tip, carried),
-            (false, false) => leg.fly::<false, false, false>(motion, root, tip, carried),
-            (true, true) => leg.fly::<true, true, false>(motion, root, tip, carried),
-            (false, true) => leg.fly::<false, true, false>(motion, root, tip, carried),
-        }
+        leg.fly(switches, motion, root, tip, carried)
     }
 }
 

@@ -21,11 +21,11 @@ pub(crate) struct WheelDrive<T> {
 }
 
 impl<T: Lane> WheelDrive<T> {
-    /// Torque over the next step of length `h`. An `IDEAL` wheel has neither lag nor momentum limit;
+    /// Torque over the next step of length `h`. An `ideal` wheel has neither lag nor momentum limit;
     /// it gets the same bits by either way.
     #[inline(always)]
-    pub(crate) fn step<const IDEAL: bool>(&self, state: &mut WheelState<T>, h: T) -> StepTorque<T> {
-        if IDEAL {
+    pub(crate) fn step(&self, ideal: bool, state: &mut WheelState<T>, h: T) -> StepTorque<T> {
+        if ideal {
             state.follow(self.command, h)
         } else {
             state.step(
@@ -37,6 +37,24 @@ impl<T: Lane> WheelDrive<T> {
             )
         }
     }
+}
+
+/// What a leg may leave out. Written down where a leg is flown, the compiler leaves it out too.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Switches {
+    pub(crate) axial_load: bool,
+    pub(crate) particle_following: bool,
+    /// Wheels without lag and momentum limit, in every lane.
+    pub(crate) ideal_wheels: bool,
+}
+
+impl Switches {
+    /// The default dynamics with ideal wheels.
+    pub(crate) const USUAL: Self = Self {
+        axial_load: true,
+        particle_following: false,
+        ideal_wheels: true,
+    };
 }
 
 /// What is constant over a leg.
@@ -95,7 +113,8 @@ impl Instant<f64> {
 
 impl<T: Lane> Instant<T> {
     #[inline(always)]
-    fn new<const AXIAL: bool, const FOLLOW: bool>(
+    fn new(
+        switches: Switches,
         constants: &Constants<T>,
         inertia: &RigidInertia<T>,
         piece: &Piece<T>,
@@ -104,7 +123,11 @@ impl<T: Lane> Instant<T> {
     ) -> Self {
         let extension = piece.extension(u);
         Self {
-            prepared: Prepared::new(constants.matrices::<AXIAL, FOLLOW>(&extension)),
+            prepared: Prepared::new(constants.matrices(
+                &extension,
+                switches.axial_load,
+                switches.particle_following,
+            )),
             slew: match slew {
                 Some(torque) => torque,
                 None => slew_torque(inertia, piece, &extension, u),
@@ -151,8 +174,15 @@ impl<T: Number> Leg<'_, T> {
     }
 
     #[inline(always)]
-    fn instant<const AXIAL: bool, const FOLLOW: bool>(&self, u: T) -> Instant<T> {
-        Instant::new::<AXIAL, FOLLOW>(self.constants, self.inertia, self.piece, self.slew, u)
+    fn instant(&self, switches: Switches, u: T) -> Instant<T> {
+        Instant::new(
+            switches,
+            self.constants,
+            self.inertia,
+            self.piece,
+            self.slew,
+            u,
+        )
     }
 
     /// A later instant of a leg of fixed length.
@@ -171,8 +201,9 @@ impl<T: Number> Leg<'_, T> {
     /// instant at the beginning if the leg before ended there in the same piece, and then that at the
     /// end.
     #[inline(always)]
-    pub(crate) fn fly<const AXIAL: bool, const FOLLOW: bool, const IDEAL: bool>(
+    pub(crate) fn fly(
         &self,
+        switches: Switches,
         motion: &mut [T; 6],
         root: &mut WheelState<T>,
         tip: &mut WheelState<T>,
@@ -183,7 +214,7 @@ impl<T: Number> Leg<'_, T> {
         let mut now = if carried.valid {
             carried.instant
         } else {
-            self.instant::<AXIAL, FOLLOW>(self.from)
+            self.instant(switches, self.from)
         };
         let mut first = Torques {
             slew: now.slew,
@@ -194,7 +225,7 @@ impl<T: Number> Leg<'_, T> {
             for step in 0..self.steps {
                 let middle = self.later(&now, self.place(step, 0.5));
                 let end = self.later(&now, self.end_of(step));
-                let torques = self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
+                let torques = self.step(switches, motion, [&now, &middle, &end], root, tip);
                 if step == 0 {
                     (first.root, first.tip) = torques;
                 }
@@ -212,12 +243,11 @@ impl<T: Number> Leg<'_, T> {
                     places[2 * i + 1] = self.end_of(begin + i).lane(0);
                 }
                 let ahead =
-                    Instant::new::<AXIAL, FOLLOW>(&constants, &inertia, &piece, slew, Pack(places));
+                    Instant::new(switches, &constants, &inertia, &piece, slew, Pack(places));
                 for i in 0..STEPS_AHEAD.min(self.steps - begin) {
                     let middle = Instant::spread(&ahead.lane_of(2 * i));
                     let end = Instant::spread(&ahead.lane_of(2 * i + 1));
-                    let torques =
-                        self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
+                    let torques = self.step(switches, motion, [&now, &middle, &end], root, tip);
                     if begin + i == 0 {
                         (first.root, first.tip) = torques;
                     }
@@ -226,9 +256,9 @@ impl<T: Number> Leg<'_, T> {
             }
         } else {
             for step in 0..self.steps {
-                let middle = self.instant::<AXIAL, FOLLOW>(self.place(step, 0.5));
-                let end = self.instant::<AXIAL, FOLLOW>(self.end_of(step));
-                let torques = self.step::<FOLLOW, IDEAL>(motion, [&now, &middle, &end], root, tip);
+                let middle = self.instant(switches, self.place(step, 0.5));
+                let end = self.instant(switches, self.end_of(step));
+                let torques = self.step(switches, motion, [&now, &middle, &end], root, tip);
                 if step == 0 {
                     (first.root, first.tip) = torques;
                 }
@@ -244,16 +274,18 @@ impl<T: Number> Leg<'_, T> {
 
     /// One Runge-Kutta step between three instants; returns root and tip torque at its beginning.
     #[inline(always)]
-    fn step<const FOLLOW: bool, const IDEAL: bool>(
+    fn step(
         &self,
+        switches: Switches,
         motion: &mut [T; 6],
         instants: [&Instant<T>; 3],
         root: &mut WheelState<T>,
         tip: &mut WheelState<T>,
     ) -> (T, T) {
-        let root = self.root.step::<IDEAL>(root, self.h);
-        let tip = self.tip.step::<IDEAL>(tip, self.h);
-        let slope = Slope::<T, FOLLOW> {
+        let root = self.root.step(switches.ideal_wheels, root, self.h);
+        let tip = self.tip.step(switches.ideal_wheels, tip, self.h);
+        let slope = Slope {
+            following: switches.particle_following,
             instants,
             root,
             tip,
@@ -264,13 +296,14 @@ impl<T: Number> Leg<'_, T> {
 }
 
 /// Rates of the motion over one step.
-struct Slope<'a, T, const FOLLOW: bool> {
+struct Slope<'a, T> {
+    following: bool,
     instants: [&'a Instant<T>; 3],
     root: StepTorque<T>,
     tip: StepTorque<T>,
 }
 
-impl<T: Lane, const FOLLOW: bool> Derivative<T, 6> for Slope<'_, T, FOLLOW> {
+impl<T: Lane> Derivative<T, 6> for Slope<'_, T> {
     #[inline(always)]
     fn at(&mut self, stage: Stage, y: &[T; 6]) -> [T; 6] {
         let [start, middle, end] = self.instants;
@@ -285,10 +318,11 @@ impl<T: Lane, const FOLLOW: bool> Derivative<T, 6> for Slope<'_, T, FOLLOW> {
             tip,
         };
         let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *y;
-        let [a, b, c] = instant.prepared.acceleration::<FOLLOW>(
+        let [a, b, c] = instant.prepared.acceleration(
             &[theta, alpha, beta],
             &[theta_rate, alpha_rate, beta_rate],
             &torques,
+            self.following,
         );
         [theta_rate, alpha_rate, beta_rate, a, b, c]
     }

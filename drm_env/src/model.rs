@@ -212,12 +212,7 @@ impl Model {
     fn raw(&self, extension: &Extension<f64>) -> Matrices<f64> {
         let dynamics = &self.spec.dynamics;
         let c = &self.constants;
-        match (dynamics.axial_load, dynamics.particle_following) {
-            (true, false) => c.matrices::<true, false>(extension),
-            (false, false) => c.matrices::<false, false>(extension),
-            (true, true) => c.matrices::<true, true>(extension),
-            (false, true) => c.matrices::<false, true>(extension),
-        }
+        c.matrices(extension, dynamics.axial_load, dynamics.particle_following)
     }
 
     /// M, C and K about the undeflected arm, in the order theta, alpha, beta of the thesis' plant or
@@ -308,7 +303,7 @@ impl Model {
         finite("slew_torque", torques.slew)?;
         finite("root_torque", torques.root)?;
         finite("tip_torque", torques.tip)?;
-        Ok(Prepared::new(self.raw(extension)).acceleration::<true>(&q, &v, torques))
+        Ok(Prepared::new(self.raw(extension)).acceleration(&q, &v, torques, true))
     }
 
     /// Energy at a state, J; the axial potential at the extension's acceleration.

@@ -191,7 +191,7 @@ fn without_turning_the_matrices_are_those_of_the_thesis_plant() {
                 rate,
                 accel,
             };
-            let expected = thesis.matrices::<false, true>(&extension);
+            let expected = thesis.matrices(&extension, false, true);
             let found = plant
                 .matrices(&extension, 0.0)
                 .expect("the length is in range");

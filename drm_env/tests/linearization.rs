@@ -212,14 +212,8 @@ fn thesis_step(case: &Case, state: &DVector<f64>, torques: &Torques<f64>, h: f64
     let piece = moving(&case.extension);
     let prepared = |u: f64| {
         let at = piece.extension(u);
-        Prepared::new(
-            match (case.dynamics.axial_load, case.dynamics.particle_following) {
-                (true, false) => constants.matrices::<true, false>(&at),
-                (false, false) => constants.matrices::<false, false>(&at),
-                (true, true) => constants.matrices::<true, true>(&at),
-                (false, true) => constants.matrices::<false, true>(&at),
-            },
-        )
+        let dynamics = &case.dynamics;
+        Prepared::new(constants.matrices(&at, dynamics.axial_load, dynamics.particle_following))
     };
     let stages = [prepared(0.0), prepared(h / 2.0), prepared(h)];
     let y: [f64; 6] = std::array::from_fn(|i| state[i]);
@@ -230,10 +224,11 @@ fn thesis_step(case: &Case, state: &DVector<f64>, torques: &Torques<f64>, h: f64
             Stage::End => &stages[2],
         };
         let [theta, alpha, beta, rate, alpha_rate, beta_rate] = *y;
-        let accel = at.acceleration::<true>(
+        let accel = at.acceleration(
             &[theta, alpha, beta],
             &[rate, alpha_rate, beta_rate],
             torques,
+            true,
         );
         [rate, alpha_rate, beta_rate, accel[0], accel[1], accel[2]]
     });

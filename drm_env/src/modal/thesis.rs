@@ -28,7 +28,7 @@ pub fn matrices_at_rest(
         rate: 0.0,
         accel: 0.0,
     };
-    let m = Constants::new(arm, payload, &Dynamics::default()).matrices::<false, false>(&still);
+    let m = Constants::new(arm, payload, &Dynamics::default()).matrices(&still, false, false);
     let dense = |rows: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| rows[i][j]);
     (dense(m.mass), dense(m.stiffness))
 }

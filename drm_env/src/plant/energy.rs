@@ -105,7 +105,7 @@ fn axial(constants: &Constants<f64>, extension: &Extension<f64>, dynamics: &Dyna
     if !dynamics.axial_load {
         return [0.0; 4];
     }
-    let x = constants.matrices::<true, false>(extension).axial;
+    let x = constants.matrices(extension, true, false).axial;
     [x.a0, x.a2, x.b0, x.b2]
 }
 

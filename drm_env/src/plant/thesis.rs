@@ -234,11 +234,13 @@ pub struct Axial<T> {
 impl<T: Lane> Constants<T> {
     /// M, C, K and the axial load at a length with its rate and acceleration.
     ///
-    /// `AXIAL` switches the axial load on, `FOLLOW` the particle-following correction.
+    /// `axial_load` switches the axial load on, `following` the particle-following correction.
     #[inline(always)]
-    pub fn matrices<const AXIAL: bool, const FOLLOW: bool>(
+    pub fn matrices(
         &self,
         extension: &Extension<T>,
+        axial_load: bool,
+        following: bool,
     ) -> Matrices<T> {
         let zero = T::splat(0.0);
         let Extension {
@@ -270,7 +272,11 @@ impl<T: Lane> Constants<T> {
         let maa = self.rho2_l1.mul_add(tail, s.polynomial(&self.maa_s));
         let bend_aa = s.polynomial(&self.bend_aa_s);
         let pressed = s3.mul_add(s.polynomial(&self.a0_s3), s.polynomial(&self.a0_s));
-        let (a2, a2_slope) = if AXIAL { self.turning(s) } else { (zero, zero) };
+        let (a2, a2_slope) = if axial_load {
+            self.turning(s)
+        } else {
+            (zero, zero)
+        };
 
         let mtt = a.polynomial(&self.mtt_a);
         let mtt_slope = (self.mtt_a[2] * 2.0).mul_add(a, self.mtt_a[1]);
@@ -289,7 +295,7 @@ impl<T: Lane> Constants<T> {
         let (ctt, ctb, cbt, cab, cba, cta, cat);
         let (kta, ktb, kaa, kab, kbb);
         let wide = self.rho2.mul_add(T::splat(4.0), -(self.rho2 * (g * g)));
-        if FOLLOW {
+        if following {
             let gs = s * 6.0 - s2 * 3.0;
             let g0 = s3.mul_add(
                 s.mul_add(s.mul_add(T::splat(G0[5]), T::splat(G0[4])), T::splat(G0[3])),
@@ -332,7 +338,7 @@ impl<T: Lane> Constants<T> {
         }
         ctt = mtt_slope;
 
-        let axial = if AXIAL {
+        let axial = if axial_load {
             Axial {
                 a0: -(add * pressed),
                 a2,
@@ -484,14 +490,15 @@ impl<T: Lane> Prepared<T> {
         }
     }
 
-    /// q'' (rad/s^2, m/s^2, m/s^2) from q, q' and the torques. Without `FOLLOW` the particle-following
+    /// q'' (rad/s^2, m/s^2, m/s^2) from q, q' and the torques. Without `following` the particle-following
     /// correction's stiffness between theta and alpha is known to be zero.
     #[inline(always)]
-    pub fn acceleration<const FOLLOW: bool>(
+    pub fn acceleration(
         &self,
         q: &[T; 3],
         v: &[T; 3],
         torques: &Torques<T>,
+        following: bool,
     ) -> [T; 3] {
         let [[ctt, cta, ctb], [cat, caa, cab], [cbt, cba, cbb]] = self.velocity;
         let [kta, ktb] = self.k_theta;
@@ -515,7 +522,7 @@ impl<T: Lane> Prepared<T> {
                 self.a2_rate.mul_add(alpha2, self.b2_rate * beta2),
             );
         let load = self.tip_on_slew.mul_add(torques.tip, torques.root) + torques.slew;
-        let held = if FOLLOW {
+        let held = if following {
             kta.negated_mul_add(alpha, load)
         } else {
             load
