@@ -6,6 +6,7 @@ SHELL := /bin/bash
 
 PYTHON ?= python3
 BIN := .venv/bin
+UV := .venv/.uv
 TOOLS := .venv/.requirements
 READY := .venv/.ready
 
@@ -71,13 +72,21 @@ requirements: $(TOOLS) # resolve requirements-dev.in anew into requirements-dev.
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --upgrade \
 	  --no-header --no-emit-index-url --no-emit-find-links requirements-dev.in -o requirements-dev.txt
 
-$(TOOLS): requirements-dev.txt
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
-	touch $@
+# The installer comes by pip, in the version and with the hashes that are pinned for it; it brings the rest.
+$(UV): requirements-dev.txt
+	@test -x $(BIN)/python || { echo "making .venv"; $(PYTHON) -m venv .venv; }
+	@awk '/^uv==/ { found = 1 } found { print } found && !/\\$$/ { exit }' requirements-dev.txt > .venv/uv.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .venv/uv.txt
+	@touch $@
+
+$(TOOLS): $(UV)
+	@echo "installing the Python packages into .venv (1 of 2; about a minute, and several GB with PyTorch)"
+	@$(BIN)/uv pip install --python $(BIN)/python --require-hashes -r requirements-dev.txt
+	@touch $@
 
 # Python files are imported from the source tree: only Rust and packaging files call for a rebuild.
 $(READY): $(TOOLS) $(RUST_SOURCES) pyproject.toml baselines/pyproject.toml
-	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" maturin develop --release --quiet
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable baselines
-	touch $@
+	@echo "compiling the engine (2 of 2; about three minutes on two cores the first time)"
+	@VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" maturin develop --release --uv
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable baselines
+	@touch $@
