@@ -353,16 +353,16 @@ impl<T: Number> Cohort<T> {
             }
         }
         self.diverged |= lost;
-        // a state that is not finite is not observed: the last finite observation stays
-        let finite = lanes & !self.flight.outputs().not_finite().bits();
+        // a void state is not observed: the last observation of a valid one stays
+        let valid = lanes & !self.flight.void();
         let (size, frame) = (setup.observation_size, setup.frame_size);
         if size > frame {
-            for lane in lanes_of(finite) {
+            for lane in lanes_of(valid) {
                 self.observations[lane * size..][..size].copy_within(frame.., 0);
             }
         }
         let mut rows = self.observations.chunks_exact_mut(size).enumerate();
-        observe(&self.flight, task, &self.payload, finite, |lane| {
+        observe(&self.flight, task, &self.payload, valid, |lane| {
             // lanes come in rising order
             rows.by_ref()
                 .find(|(i, _)| *i == lane)

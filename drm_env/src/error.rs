@@ -1,5 +1,7 @@
 //! Typed failures. Every variant carries the name of what is wrong and the offending value.
 
+use crate::validity::{FASTEST_SLEW, LARGEST_DEFLECTION};
+
 /// A configuration, scenario or option that cannot be used. Nothing has changed when it is returned.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ConfigError {
@@ -105,13 +107,15 @@ pub enum SimulationError {
         /// Given length.
         got: usize,
     },
-    /// The state is no longer finite.
-    #[error("the state is no longer finite at t = {time} s (scenario {index})")]
+    /// A flight whose linear model was to be measured has left the limits of [`crate::validity`].
+    #[error(
+        "the flight diverged at t = {time} s: finite numbers, a tip deflection of at most {} of the reach \
+         and a slew rate of at most {FASTEST_SLEW:.4} rad/s are what the equations describe",
+        LARGEST_DEFLECTION
+    )]
     Diverged {
         /// Simulated time, s.
         time: f64,
-        /// Which scenario of the list.
-        index: usize,
     },
     /// A network whose action in a rollout is NaN or infinite.
     #[error(

@@ -1153,16 +1153,22 @@ impl Flight<f64> {
             .energy(&self.motion, extension, &scenario, &payload)
     }
 
-    /// Metrics of the flight so far.
+    /// Metrics of the flight so far; see [`Metrics`] for those of one that has left the limits of
+    /// [`crate::validity`].
     pub fn metrics(&self, diverged: bool, episode_return: f64) -> Metrics {
-        self.common.metrics.metrics(
+        let found = self.common.metrics.metrics(
             self.shared.sample_period,
             self.slew_end(),
             self.scenario().slew.angle.abs(),
             self.energy().total(),
             diverged,
             episode_return,
-        )
+        );
+        if self.void() == 0 {
+            found
+        } else {
+            found.of_void()
+        }
     }
 
     /// Flies one sample period under held wheel commands (N m, before saturation); `slew` replaces

@@ -17,7 +17,7 @@
 //! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`implicit`], [`lane`],
 //! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
 //! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
-//! [`body`], [`flight`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them;
+//! [`body`], [`flight`], [`validity`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them;
 //! [`transition`]: the linear model of a whole manoeuvre.
 //! [`render`], [`scene`]: pictures.
 
@@ -63,6 +63,7 @@ pub mod shape;
 pub mod task;
 pub mod timeline;
 pub mod transition;
+pub mod validity;
 mod vector;
 mod witness;
 

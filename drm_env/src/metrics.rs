@@ -31,6 +31,10 @@ pub const METRIC_NAMES: [&str; 17] = [
 ];
 
 /// Metrics of one episode; SI units, angles in radians.
+///
+/// An episode that ends at a limit of its task has the metrics of the time up to there. One that leaves
+/// the limits of [`crate::validity`] has none: `settled` is false, and all others but `slew_end_time`,
+/// `duration`, `diverged` and `episode_return` are NaN, so that nobody takes them for results.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Metrics {
     /// RMS over the episode of the tip's error r e + y, m.
@@ -64,13 +68,37 @@ pub struct Metrics {
     pub slew_end_time: f64,
     /// Time flown, s.
     pub duration: f64,
-    /// Whether the episode ended by divergence or at a limit of the structure.
+    /// Whether the episode ended at a limit of the structure, beyond those of [`crate::validity`] or with
+    /// numbers that are not finite.
     pub diverged: bool,
     /// Sum of the rewards; 0 where none are paid.
     pub episode_return: f64,
 }
 
 impl Metrics {
+    /// Those of an episode that has left the limits of [`crate::validity`].
+    pub(crate) fn of_void(self) -> Self {
+        Self {
+            tip_error_rms: f64::NAN,
+            peak_deflection: f64::NAN,
+            peak_slew_angle: f64::NAN,
+            residual_rms: f64::NAN,
+            residual_peak: f64::NAN,
+            settling_time: f64::NAN,
+            settled: false,
+            final_slew_error: f64::NAN,
+            overshoot: f64::NAN,
+            wheel_effort: f64::NAN,
+            saturation: f64::NAN,
+            slew_energy: f64::NAN,
+            residual_energy: f64::NAN,
+            slew_end_time: self.slew_end_time,
+            duration: self.duration,
+            diverged: true,
+            episode_return: self.episode_return,
+        }
+    }
+
     /// Values in the order of [`METRIC_NAMES`], flags as 0 or 1.
     pub fn values(&self) -> [f64; METRIC_NAMES.len()] {
         let flag = |value: bool| if value { 1.0 } else { 0.0 };

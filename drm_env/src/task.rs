@@ -318,13 +318,13 @@ pub(crate) fn charge_for_rest(
     ]
 }
 
-/// Lanes that are beyond a limit of the structure or no longer finite, a bit each.
+/// Lanes that are beyond a limit of the structure or of [`crate::validity`], a bit each.
 #[inline(always)]
 pub(crate) fn lost<T: Number>(flight: &Flight<T>, task: &Task) -> u32 {
     let outputs = flight.outputs();
     let slewed = T::splat(task.limits.slew_error).below(flight.slew_error().abs());
     let bent = T::splat(task.limits.tip_deflection).below(outputs.tip[0].abs());
-    (outputs.not_finite() + slewed + bent).bits()
+    (slewed + bent).bits() | flight.void()
 }
 
 /// Number of entries of an observation.

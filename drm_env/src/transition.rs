@@ -5,7 +5,7 @@
 use crate::actuator::{RootWheel, TipWheel};
 use crate::body::Motion;
 use crate::control::WheelTorques;
-use crate::error::ConfigError;
+use crate::error::{ConfigError, Error, SimulationError};
 use crate::flight::{Flight, Fly};
 use crate::lane::{Instructions, Number, Pack};
 use crate::plan::Plan;
@@ -59,8 +59,9 @@ impl Transitions {
     ///
     /// # Errors
     /// A scenario that cannot be flown; a hold that does not divide its samples; more than
-    /// [`MAX_BYTES`].
-    pub fn of(scenario: &Scenario, hold: usize) -> Result<Self, ConfigError> {
+    /// [`MAX_BYTES`]; an arm that leaves the limits of [`crate::validity`] from the reference within
+    /// `hold` samples.
+    pub fn of(scenario: &Scenario, hold: usize) -> Result<Self, Error> {
         let mut ideal = *scenario;
         let RootWheel { torque_limit, .. } = ideal.root_wheel;
         ideal.root_wheel = RootWheel {
@@ -77,18 +78,19 @@ impl Transitions {
         let samples = ideal.samples();
         if !samples.is_multiple_of(hold) {
             let requirement = format!("must divide the {samples} samples of the manoeuvre");
-            return Err(ConfigError::value("hold", requirement, hold));
+            return Err(ConfigError::value("hold", requirement, hold).into());
         }
         let noise = Stream::new(Seed::from_u64(0), 0, Purpose::Sensors);
         let flight = Flight::new(Plan::new(&ideal)?, noise)?;
         check_memory(2 * flight.coordinates(), samples, hold)?;
-        Ok(match Instructions::detect() {
+        let measured = match Instructions::detect() {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx512 => measure::<crate::lane::wide::Wide8>(&flight, samples, hold),
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2 => measure::<crate::lane::wide::Wide4>(&flight, samples, hold),
             Instructions::Baseline => measure::<Pack<2>>(&flight, samples, hold),
-        })
+        };
+        measured.map_err(Into::into)
     }
 }
 
@@ -122,7 +124,11 @@ enum Probe {
     Wheel(usize),
 }
 
-fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Transitions {
+fn measure<T: Vector>(
+    flight: &Flight<f64>,
+    samples: usize,
+    hold: usize,
+) -> Result<Transitions, SimulationError> {
     let size = 2 * flight.coordinates();
     let intervals = samples / hold;
     let limits = flight.fixed();
@@ -168,14 +174,19 @@ fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Tran
                     Probe::Wheel(_) => command.0.tip.set_lane(lane, torque[1]),
                 }
             }
+            let mut pilot = Autopilot::new(Source::Given(&mut command));
             T::enter(Fly {
                 flight: &mut lanes,
                 samples: hold,
                 pilot: &mut Watched {
-                    pilot: &mut Autopilot::new(Source::Given(&mut command)),
+                    pilot: &mut pilot,
                     witness: Some(&mut seen),
                 },
             });
+            if pilot.lost != 0 {
+                let time = (k * hold + pilot.flown) as f64 * flight.sample_period();
+                return Err(SimulationError::Diverged { time });
+            }
             for (lane, probe) in group.iter().enumerate() {
                 let end = lanes.one(lane).deviation();
                 let errors = seen.0.iter().map(|error| error.lane(lane));
@@ -210,7 +221,7 @@ fn measure<T: Vector>(flight: &Flight<f64>, samples: usize, hold: usize) -> Tran
             }
         }
     }
-    found
+    Ok(found)
 }
 
 /// Constant torques.

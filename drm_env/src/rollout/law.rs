@@ -182,11 +182,12 @@ fn leg<T: Vector>(
     }
 }
 
-/// A source of torques as the pilot, until a lane's state is no longer finite.
+/// A source of torques as the pilot, until a lane leaves the limits of [`crate::validity`].
 pub(crate) struct Autopilot<'a, T> {
     source: Source<'a, T>,
-    flown: usize,
-    lost: u32,
+    pub(crate) flown: usize,
+    /// Lanes that have left the limits with the last sample, a bit each.
+    pub(crate) lost: u32,
 }
 
 impl<'a, T> Autopilot<'a, T> {
@@ -212,7 +213,7 @@ impl<T: Number> Pilot<T> for Autopilot<'_, T> {
     #[inline(always)]
     fn flown(&mut self, flight: &mut Flight<T>) -> bool {
         self.flown += 1;
-        self.lost = flight.outputs().not_finite().bits() & !flight.resting();
+        self.lost = flight.void() & !flight.resting();
         self.lost == 0
     }
 }

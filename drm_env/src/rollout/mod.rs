@@ -33,7 +33,7 @@ pub use trajectory::{SIGNAL_NAMES, Trajectory, signals, simulate};
 /// Who decides.
 #[derive(Debug, Clone, Copy)]
 pub enum Controller<'a> {
-    /// A law, at the sample period; nothing is paid and no limit of the structure watched.
+    /// A law, at the sample period; nothing is paid and no limit but those of [`crate::validity`] watched.
     Law(&'a Law),
     /// Torques that are given beforehand.
     Schedule(Schedule<'a>),

@@ -1,7 +1,7 @@
 //! The signals of a manoeuvre, and one manoeuvre with all of them.
 
 use crate::control::Law;
-use crate::error::{ConfigError, Error, SimulationError};
+use crate::error::{ConfigError, Error};
 use crate::flight::{Clock, Flight, Plan};
 use crate::lane::{Laned, Number};
 use crate::metrics::Metrics;
@@ -120,10 +120,11 @@ pub(super) fn last_row<T: Number>(flight: &Flight<T>, lane: usize, driven: bool)
 }
 
 /// Flies one manoeuvre under a law and keeps every `every`-th sample, the first and last included.
-/// `seed` feeds the sensors' noise.
+/// `seed` feeds the sensors' noise. A manoeuvre that leaves the limits of [`crate::validity`] ends there
+/// and its metrics say so; the state beyond them is not kept.
 ///
 /// # Errors
-/// A scenario or law that cannot be used; a state that is no longer finite.
+/// A scenario or law that cannot be used.
 pub fn simulate(
     scenario: &Scenario,
     law: &Law,
@@ -152,12 +153,13 @@ pub fn simulate(
             apply_torques(&mut row, &flight, 0, flight.last_torques());
             keep(row);
         }
-        if !flight.is_finite() {
-            let time = flight.time();
-            return Err(SimulationError::Diverged { time, index: 0 }.into());
+        if flight.void() != 0 {
+            break;
         }
     }
-    keep(last_row(&flight, 0, false));
+    if flight.void() == 0 {
+        keep(last_row(&flight, 0, false));
+    }
     Ok(Trajectory {
         signals: kept,
         metrics: flight.metrics(false, 0.0),

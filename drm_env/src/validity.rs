@@ -1,0 +1,28 @@
+//! How far the equations of motion hold: beyond these limits a flight is void, whoever flies it.
+//!
+//! Both plants bend by the linear theory of slender beams, about an axis that turns. Their numbers go on
+//! growing where an arm would long have broken, so every door asks here: environments, laws, given
+//! torques, networks and linear models end a flight that leaves these limits and call it diverged.
+
+use crate::flight::Flight;
+use crate::lane::Number;
+
+/// Largest deflection of the tip, as a part of the arm's reach. A cantilever bent so far by a force at
+/// its tip has a slope of 3/2 of this: 0.375. The linear theory takes the curvature w'' for
+/// w'' / (1 + w'^2)^(3/2), a fifth less there, and leaves out that the tip draws near.
+pub const LARGEST_DEFLECTION: f64 = 0.25;
+
+/// Fastest slew, rad/s: one turn a second. The centrifugal load of a payload then is some fifty times
+/// its weight, and of the order of what stiffens a link as much as bending does.
+pub const FASTEST_SLEW: f64 = std::f64::consts::TAU;
+
+impl<T: Number> Flight<T> {
+    /// Lanes whose state is beyond these limits or no longer finite, a bit each.
+    #[inline(always)]
+    pub(crate) fn void(&self) -> u32 {
+        let outputs = self.outputs();
+        let bent = (self.reach() * LARGEST_DEFLECTION).below(outputs.tip[0].abs());
+        let fast = T::splat(FASTEST_SLEW).below(outputs.slew[1].abs());
+        (outputs.not_finite() + bent + fast).bits()
+    }
+}
