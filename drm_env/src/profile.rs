@@ -87,7 +87,24 @@ impl Slew {
                 self.smoothing,
             ));
         }
-        Ok(())
+        let is_finite = |piece: &SlewPiece| {
+            let SlewPiece {
+                start,
+                accel,
+                rate,
+                angle,
+            } = piece;
+            let numbers = [start, rate, angle].into_iter().chain(accel);
+            numbers.copied().all(f64::is_finite)
+        };
+        if self.pieces().iter().all(is_finite) {
+            return Ok(());
+        }
+        Err(ConfigError::value(
+            "smoothing",
+            "must be 0 or long enough to be computed with at this angle and acceleration",
+            format!("{:e}", self.smoothing),
+        ))
     }
 
     /// Exact final time, s: the profile's first integral is zero and its second the angle.

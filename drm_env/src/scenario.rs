@@ -6,10 +6,12 @@ use serde::{Deserialize, Serialize};
 use crate::actuator::{RootWheel, TipWheel};
 use crate::arm::{
     Arm, Payload, PayloadProperties, finite, non_negative, positive, table_2_7_dimensions,
+    zero_or_positive,
 };
 use crate::deployment::Deployment;
 use crate::error::ConfigError;
-use crate::modal::fastest_frequency;
+use crate::integrator::largest_stable_step;
+use crate::modal::elastic_frequencies;
 use crate::motor::MotorConstants;
 use crate::plant::consistent::CAPACITY;
 use crate::plant::{Dynamics, PlantModel};
@@ -115,7 +117,7 @@ impl Sensors {
         let names = ["angle", "rate", "deflection", "deflection_rate"];
         for (i, name) in names.iter().enumerate() {
             non_negative(&format!("{name}_noise"), self.noise()[i])?;
-            non_negative(&format!("{name}_resolution"), self.resolution()[i])?;
+            zero_or_positive(&format!("{name}_resolution"), self.resolution()[i])?;
         }
         non_negative("delay", self.delay)
     }
@@ -347,29 +349,43 @@ impl Scenario {
         ))
     }
 
-    /// Refuses a step beyond the stability limit 2 sqrt(2) / w of the Runge-Kutta method for the
-    /// fastest undamped mode w met on the way.
+    /// Refuses a step beyond the stability limit of the Runge-Kutta method for the modes met on the way.
     fn validate_step(&self, payload: &PayloadProperties) -> Result<(), ConfigError> {
         let step = self.integrator_step.min(self.sample_period);
+        let damping = self.dynamics.structural_damping;
         let (from, to) = (self.deployment.start, self.deployment.final_extension());
-        let (frequency, extension) = (0..=8)
-            .map(|i| {
-                let a = from + (to - from) * f64::from(i) / 8.0;
-                (fastest_frequency(&self.arm, payload, a), a)
-            })
-            .fold(
-                (0.0, from),
-                |worst, next| if next.0 > worst.0 { next } else { worst },
-            );
-        let limit = 2.0 * std::f64::consts::SQRT_2 / frequency;
+        let mut worst = (f64::INFINITY, 0.0, from);
+        for i in 0..=8 {
+            let extension = from + (to - from) * f64::from(i) / 8.0;
+            for frequency in elastic_frequencies(&self.arm, payload, extension) {
+                if !frequency.is_finite() {
+                    let requirement = format!(
+                        "must have finite natural frequencies with this payload; at an extension \
+                         of {extension} m it has not"
+                    );
+                    return Err(ConfigError::value("arm", requirement, frequency));
+                }
+                let limit = largest_stable_step(frequency, damping * frequency / 2.0);
+                if limit < worst.0 {
+                    worst = (limit, frequency, extension);
+                }
+            }
+        }
+        let (limit, frequency, extension) = worst;
         if step < limit {
             return Ok(());
         }
+        let damped = if damping > 0.0 {
+            let ratio = damping * frequency / 2.0;
+            format!(", damping ratio {ratio:.3} by dynamics.structural_damping = {damping} s")
+        } else {
+            String::new()
+        };
         Err(ConfigError::value(
             "integrator_step",
             format!(
                 "must be below {limit:.3e} s, or the Runge-Kutta integration is unstable \
-                 (fastest mode {frequency:.0} rad/s at an extension of {extension} m)"
+                 (fastest mode {frequency:.0} rad/s at an extension of {extension} m{damped})"
             ),
             step,
         ))
