@@ -5,7 +5,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::cohort::{Phase, Setup};
+use crate::cohort::{Draft, Phase, Setup};
 use crate::config::EnvConfig;
 use crate::crew::{Crew, Rows, crews};
 use crate::env::{Env, check_finite, check_phase};
@@ -68,6 +68,8 @@ struct Group {
     began: u32,
     /// Episodes that ended in the last step, by lane.
     ended: Vec<(usize, Box<Ended>)>,
+    /// What the waiting lanes begin with in this step.
+    drafts: Vec<(usize, Draft)>,
 }
 
 /// A batch of environments.
@@ -86,6 +88,10 @@ pub struct Batch {
     any_began: bool,
     /// Whether the last step ended an episode in any environment.
     any_ended: bool,
+    /// Whether the next step resets any environment.
+    any_waiting: bool,
+    /// Why an environment could not be reset within the last step.
+    failure: Option<ConfigError>,
     threads: usize,
     pool: Pool,
 }
@@ -145,6 +151,7 @@ impl Batch {
                     waiting: 0,
                     began: 0,
                     ended: Vec::new(),
+                    drafts: Vec::new(),
                 }
             })
             .collect();
@@ -157,6 +164,8 @@ impl Batch {
             ready: false,
             any_began: false,
             any_ended: false,
+            any_waiting: false,
+            failure: None,
             threads: threads.unwrap_or(available),
             pool: Pool::default(),
         })
@@ -259,8 +268,10 @@ impl Batch {
         Ok(())
     }
 
-    /// Asks the groups what the last call began and ended.
+    /// Asks the groups what the last call, which was no step, has left.
     fn recount(&mut self) {
+        self.failure = None;
+        self.any_waiting = self.groups.iter().any(|group| group.waiting != 0);
         self.any_began = self.groups.iter().any(|group| group.began != 0);
         self.any_ended = self.groups.iter().any(|group| !group.ended.is_empty());
     }
@@ -285,8 +296,9 @@ impl Batch {
     /// One control period of every environment under `num_envs x actuators` actions.
     ///
     /// # Errors
-    /// Arrays of the wrong length, entries that are not finite, environments that are not running:
-    /// then nothing has changed. A scenario drawn on autoreset that cannot be flown.
+    /// Arrays of the wrong length, entries that are not finite, environments that are not running, a
+    /// scenario drawn on autoreset that cannot be flown: nothing has changed then. Where the same step
+    /// resets, the episode stays ended and the *next* step says why, until the environment is reset.
     pub fn step(&mut self, actions: &[f32], out: &mut StepBuffers<'_>) -> Result<(), Error> {
         let count = self.count;
         let width = self.config.task.actuators.len();
@@ -314,6 +326,15 @@ impl Batch {
         let autoreset = self.autoreset;
         // unless the step comes to a good end
         self.ready = false;
+        if let Some(error) = &self.failure {
+            return Err(error.clone().into());
+        }
+        // what cannot be drawn is known before anything moves
+        if self.any_waiting {
+            for group in &mut self.groups {
+                group.draw()?;
+            }
+        }
         let failure = Mutex::new(None);
         let (began, ended) = (AtomicBool::new(false), AtomicBool::new(false));
         let work = count * self.config.samples_per_action();
@@ -345,13 +366,10 @@ impl Batch {
         self.pool.share(threads, shares, one);
         self.any_began = began.into_inner();
         self.any_ended = ended.into_inner();
-        match failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            None => {
-                self.ready = autoreset != Autoreset::Disabled;
-                Ok(())
-            }
-            Some(error) => Err(error.into()),
-        }
+        self.any_waiting = self.any_ended && autoreset == Autoreset::NextStep;
+        self.failure = failure.into_inner().unwrap_or_else(PoisonError::into_inner);
+        self.ready = autoreset != Autoreset::Disabled && self.failure.is_none();
+        Ok(())
     }
 
     /// Copies every observation, `num_envs x observation_size`.
@@ -595,20 +613,35 @@ impl Group {
         self.ended.retain(|(ended, _)| *ended != lane);
     }
 
+    /// Draws what the waiting lanes begin with in this step.
+    ///
+    /// # Errors
+    /// A scenario that cannot be flown; nothing has moved then.
+    fn draw(&mut self) -> Result<(), ConfigError> {
+        let waiting = self.waiting & self.everyone();
+        let drafts = lanes_of(waiting).map(|lane| {
+            let draft = self.crew.draw(lane, None, &Overrides::new())?;
+            Ok((lane, draft))
+        });
+        self.drafts = drafts.collect::<Result<_, ConfigError>>()?;
+        Ok(())
+    }
+
+    /// # Errors
+    /// A scenario that cannot be flown, of a lane whose episode stays ended.
     fn step(
         &mut self,
         actions: &[f32],
         autoreset: Autoreset,
         mut rows: Rows<'_>,
     ) -> Result<(), ConfigError> {
+        let mut failure = Ok(());
         self.ended.clear();
         self.began = 0;
         let begin = self.waiting & self.everyone();
         let flying = self.everyone() & !begin;
         self.crew.step(actions, flying, &mut rows);
-        let none = Overrides::new();
-        for lane in lanes_of(begin) {
-            let draft = self.crew.draw(lane, None, &none)?;
+        for (lane, draft) in std::mem::take(&mut self.drafts) {
             self.crew.begin(lane, &draft)?;
             self.crew.write(lane, 0.0, &mut rows);
         }
@@ -625,15 +658,20 @@ impl Group {
                 Autoreset::NextStep => self.waiting |= 1 << lane,
                 Autoreset::Disabled => {}
                 Autoreset::SameStep => {
-                    let draft = self.crew.draw(lane, None, &none)?;
-                    self.crew.begin(lane, &draft)?;
-                    self.crew.write_observation(lane, &mut rows);
-                    self.running |= 1 << lane;
-                    self.began |= 1 << lane;
+                    let draft = self.crew.draw(lane, None, &Overrides::new());
+                    match draft.and_then(|draft| self.crew.begin(lane, &draft)) {
+                        Ok(()) => {
+                            self.crew.write_observation(lane, &mut rows);
+                            self.running |= 1 << lane;
+                            self.began |= 1 << lane;
+                        }
+                        // the other lanes go on
+                        Err(error) => failure = Err(error),
+                    }
                 }
             }
         }
-        Ok(())
+        failure
     }
 }
 

@@ -197,8 +197,7 @@ impl<T: Number> Cohort<T> {
     ) -> Result<(), ConfigError> {
         let member = &self.members[lane];
         let config = &self.setup.config;
-        config.draw(member.seed, member.episode, &[settings])?;
-        Ok(())
+        config.check_overrides(member.seed, member.episode, settings)
     }
 
     /// Begins an episode in a lane.

@@ -12,6 +12,7 @@ use crate::options::{apply_option, overlay, release_fixed};
 use crate::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
 use crate::rng::{Purpose, Seed, Stream};
 use crate::scenario::Scenario;
+use crate::task::RewardScale;
 
 /// What an agent may drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -167,6 +168,19 @@ impl Default for EnvConfig {
 /// Names of the presets, one a registered environment.
 pub const PRESETS: [&str; 4] = ["slew", "slew_residual", "slew_thesis", "slew_direct"];
 
+/// Draws with which a configuration is tried, and attempts after which overrides are refused.
+const TRIALS: u64 = 64;
+
+/// So many of the [`TRIALS`] must be flyable: then that an episode cannot be drawn within
+/// [`MOST_ATTEMPTS`] is out of the question.
+const FEWEST_FLYABLE: usize = 8;
+
+/// Attempts at drawing parameters that go together.
+const MOST_ATTEMPTS: u64 = 1000;
+
+/// Most that an episode may pay or cost: a single-precision number holds it.
+const LARGEST_RETURN: f64 = 1e30;
+
 impl EnvConfig {
     fn fixed() -> Self {
         Self {
@@ -246,45 +260,134 @@ impl EnvConfig {
         serde_json::to_string(self).unwrap_or_default()
     }
 
-    /// Refuses what cannot be flown, drawn parameters at the ends of their ranges included.
+    /// Refuses what cannot be flown: drawn parameters whose ends fit no choice of the others, and ranges
+    /// that seldom go together.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.task.validate(&self.scenario)?;
         let drawn = self.randomize.distributions();
-        let mut base = self.scenario;
+        let (mut lowest, mut highest) = (self.scenario, self.scenario);
         for (parameter, distribution) in PARAMETERS.iter().zip(&drawn) {
             let Some(distribution) = distribution else {
                 continue;
             };
             let path = format!("randomize.{}", parameter.name);
             distribution.validate().map_err(|e| e.within(&path))?;
-            if let Some(first) = distribution.extremes().first() {
-                parameter.set(&mut base, first)?;
+            let extremes = distribution.extremes();
+            if let (Some(first), Some(last)) = (extremes.first(), extremes.last()) {
+                parameter.set(&mut lowest, first)?;
+                parameter.set(&mut highest, last)?;
             }
         }
-        base.validate()?;
+        if !self.draws() {
+            return lowest.validate();
+        }
+        let trials: Vec<_> = (0..TRIALS)
+            .map(|episode| self.attempt(Seed::default(), episode, 0, &[]))
+            .collect();
+        let flyable = trials.iter().filter_map(|trial| trial.as_ref().ok());
+        // an end is tried beside these
+        let others: Vec<Scenario> = [&lowest, &highest]
+            .into_iter()
+            .filter(|ends| ends.validate().is_ok())
+            .chain(flyable.clone())
+            .copied()
+            .collect();
+        if others.is_empty() {
+            return lowest.validate();
+        }
         for (parameter, distribution) in PARAMETERS.iter().zip(&drawn) {
             for extreme in distribution.iter().flat_map(|d| d.extremes()) {
-                let mut scenario = base;
-                parameter.set(&mut scenario, &extreme)?;
-                scenario.validate()?;
+                let mut first = None;
+                for mut scenario in others.iter().copied() {
+                    parameter.set(&mut scenario, &extreme)?;
+                    match scenario.validate() {
+                        Ok(()) => {
+                            first = None;
+                            break;
+                        }
+                        Err(error) => first = first.or(Some(error)),
+                    }
+                }
+                if let Some(error) = first {
+                    return Err(error);
+                }
             }
         }
-        Ok(())
+        let count = flyable.count();
+        let failure = trials.into_iter().find_map(Result::err);
+        match failure {
+            Some(error) if count < FEWEST_FLYABLE => Err(ConfigError::form(
+                "randomize",
+                format!(
+                    "only {count} of {TRIALS} draws can be flown, at least {FEWEST_FLYABLE} must: \
+                     draw what goes together ({error})"
+                ),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether anything is drawn.
+    fn draws(&self) -> bool {
+        let drawn = self.randomize.distributions();
+        drawn.iter().any(Option::is_some)
     }
 
     /// Draws the scenario of one episode; overrides replace what was drawn without moving the
-    /// other draws.
+    /// other draws. Parameters that do not go together (a smoothing too long for the profile) are drawn
+    /// again, all of them, from streams of their own.
+    ///
+    /// # Errors
+    /// Overrides that cannot be set, or with which no draw can be flown.
     pub fn draw(
         &self,
         seed: Seed,
         episode: u64,
         overrides: &[&Overrides],
     ) -> Result<Scenario, ConfigError> {
+        self.draw_within(MOST_ATTEMPTS, seed, episode, overrides)
+    }
+
+    /// Refuses overrides with which an episode, and so later ones, could hardly be drawn.
+    pub(crate) fn check_overrides(
+        &self,
+        seed: Seed,
+        episode: u64,
+        overrides: &Overrides,
+    ) -> Result<(), ConfigError> {
+        let found = self.draw_within(TRIALS, seed, episode, &[overrides]);
+        found.map(|_| ())
+    }
+
+    fn draw_within(
+        &self,
+        attempts: u64,
+        seed: Seed,
+        episode: u64,
+        overrides: &[&Overrides],
+    ) -> Result<Scenario, ConfigError> {
+        let first = match self.attempt(seed, episode, 0, overrides) {
+            Err(first) if self.draws() => first,
+            found => return found,
+        };
+        let mut others = (1..attempts).map(|n| self.attempt(seed, episode, n, overrides));
+        others.find(Result::is_ok).unwrap_or(Err(first))
+    }
+
+    /// One attempt at [`EnvConfig::draw`].
+    fn attempt(
+        &self,
+        seed: Seed,
+        episode: u64,
+        attempt: u64,
+        overrides: &[&Overrides],
+    ) -> Result<Scenario, ConfigError> {
         let mut scenario = self.scenario;
         let drawn = self.randomize.distributions();
         for (parameter, distribution) in PARAMETERS.iter().zip(drawn) {
             if let Some(distribution) = distribution {
-                let mut stream = Stream::new(seed, episode, Purpose::Parameter(parameter.name));
+                let purpose = Purpose::Parameter(parameter.name);
+                let mut stream = Stream::of_attempt(seed, episode, purpose, attempt);
                 parameter.set(&mut scenario, &distribution.draw(&mut stream))?;
             }
         }
@@ -387,6 +490,22 @@ impl Task {
             non_negative(name, value).map_err(|e| e.within("reward"))?;
         }
         positive("reward.resolution", resolution)?;
+        let scale = RewardScale::new(&self.reward);
+        let worst = scale.worst_rates().map(|rate| rate * scenario.horizon);
+        let weights = [tip_vibration, slew_error, effort];
+        let names = ["tip_vibration", "slew_error", "effort"];
+        for ((name, weight), worst) in names.into_iter().zip(weights).zip(worst) {
+            if worst > LARGEST_RETURN {
+                let requirement = format!(
+                    "must not make an episode of {} s cost more than {LARGEST_RETURN:e} (it could \
+                     cost {worst:.0e})",
+                    scenario.horizon
+                );
+                let weight = format!("{weight:e}");
+                let error = ConfigError::value(name, requirement, weight);
+                return Err(error.within("reward"));
+            }
+        }
         positive("limits.slew_error", self.limits.slew_error)?;
         positive("limits.tip_deflection", self.limits.tip_deflection)
     }

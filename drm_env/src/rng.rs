@@ -62,6 +62,11 @@ pub struct Stream(Pcg64);
 impl Stream {
     /// The stream of one episode of a seed for one purpose.
     pub fn new(seed: Seed, episode: u64, purpose: Purpose) -> Self {
+        Self::of_attempt(seed, episode, purpose, 0)
+    }
+
+    /// The stream for another attempt at what the first one, attempt 0, has not achieved.
+    pub fn of_attempt(seed: Seed, episode: u64, purpose: Purpose, attempt: u64) -> Self {
         let mut words = seed.0;
         absorb(&mut words, episode);
         match purpose {
@@ -69,6 +74,9 @@ impl Stream {
             Purpose::Parameter(name) => {
                 absorb(&mut words, 1 + u64::from(crc32fast::hash(name.as_bytes())));
             }
+        }
+        if attempt > 0 {
+            absorb(&mut words, attempt);
         }
         let wide = |high: u64, low: u64| (u128::from(high) << 64) | u128::from(low);
         Self(Pcg64::new(
@@ -113,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_episodes_and_purposes_have_streams_of_their_own() {
+    fn seeds_episodes_purposes_and_attempts_have_streams_of_their_own() {
         let mut seen = std::collections::HashSet::new();
         for seed in 0..50 {
             for episode in 0..10 {
@@ -122,8 +130,11 @@ mod tests {
                     Purpose::Parameter("mass_error"),
                     Purpose::Sensors,
                 ] {
-                    let mut stream = Stream::new(Seed::from_u64(seed), episode, purpose);
-                    assert!(seen.insert(stream.uniform().to_bits()));
+                    for attempt in 0..3 {
+                        let seed = Seed::from_u64(seed);
+                        let mut stream = Stream::of_attempt(seed, episode, purpose, attempt);
+                        assert!(seen.insert(stream.uniform().to_bits()));
+                    }
                 }
             }
         }

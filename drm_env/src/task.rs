@@ -214,6 +214,9 @@ pub(crate) fn observe<'a, T: Number>(
 /// Names of the reward's terms, in the order of [`RewardSums::terms`].
 pub const REWARD_NAMES: [&str; 3] = ["reward/tip_vibration", "reward/slew_error", "reward/effort"];
 
+/// Errors beyond this count as this, m.
+const LARGEST_ERROR: f64 = 1e3;
+
 /// The reward with what follows from it once.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RewardScale {
@@ -232,11 +235,23 @@ impl RewardScale {
         }
     }
 
+    /// The most that each term can cost, 1/s, in the order of [`REWARD_NAMES`].
+    pub(crate) fn worst_rates(&self) -> [f64; 3] {
+        let error = self.logarithmic(LARGEST_ERROR);
+        let reward = &self.reward;
+        [
+            reward.tip_vibration * error,
+            reward.slew_error * error,
+            // both wheels at their limits
+            reward.effort * 2.0,
+        ]
+    }
+
     /// An error (m) on the reward's logarithmic scale: 0 at none, 1 at one metre; errors beyond a
     /// kilometre, and those that are not finite, count as one kilometre.
     #[inline(always)]
     fn logarithmic<T: Number>(&self, error: T) -> T {
-        let error = error.min(T::splat(1e3));
+        let error = error.min(T::splat(LARGEST_ERROR));
         ln_1p(error * self.per_resolution) * self.per_metre
     }
 }
