@@ -187,16 +187,6 @@ impl PayloadProperties {
 const LARGEST: f64 = 1e20;
 const SMALLEST: f64 = 1e-20;
 
-/// A number as errors show it: with an exponent where it would be a row of zeros.
-fn written(value: f64) -> String {
-    let plain = value == 0.0 || !value.is_finite() || (1e-5..1e16).contains(&value.abs());
-    if plain {
-        value.to_string()
-    } else {
-        format!("{value:e}")
-    }
-}
-
 /// Refuses a value that is not positive and finite, or of a magnitude that nothing can be computed with.
 pub(crate) fn positive(path: &str, value: f64) -> Result<(), ConfigError> {
     let requirement = if !(value.is_finite() && value > 0.0) {
@@ -206,7 +196,7 @@ pub(crate) fn positive(path: &str, value: f64) -> Result<(), ConfigError> {
     } else {
         return Ok(());
     };
-    Err(ConfigError::value(path, requirement, written(value)))
+    Err(ConfigError::value(path, requirement, value))
 }
 
 /// Refuses a value that is negative, not finite or too large to compute with.
@@ -218,7 +208,7 @@ pub(crate) fn non_negative(path: &str, value: f64) -> Result<(), ConfigError> {
     } else {
         return Ok(());
     };
-    Err(ConfigError::value(path, requirement, written(value)))
+    Err(ConfigError::value(path, requirement, value))
 }
 
 /// Refuses a value that is neither 0 nor what [`positive`] takes.
@@ -239,5 +229,5 @@ pub(crate) fn finite(path: &str, value: f64) -> Result<(), ConfigError> {
     } else {
         return Ok(());
     };
-    Err(ConfigError::value(path, requirement, written(value)))
+    Err(ConfigError::value(path, requirement, value))
 }

@@ -316,6 +316,9 @@ impl Batch {
         check_length("terminated", count, out.terminated.len())?;
         check_length("truncated", count, out.truncated.len())?;
         check_length("terms", count * 3, out.terms.len())?;
+        if let Some(error) = &self.failure {
+            return Err(error.clone().into());
+        }
         if !self.ready {
             for group in &self.groups {
                 for lane in lanes_of(group.everyone() & !(group.running | group.waiting)) {
@@ -326,9 +329,6 @@ impl Batch {
         let autoreset = self.autoreset;
         // unless the step comes to a good end
         self.ready = false;
-        if let Some(error) = &self.failure {
-            return Err(error.clone().into());
-        }
         // what cannot be drawn is known before anything moves
         if self.any_waiting {
             for group in &mut self.groups {

@@ -255,12 +255,20 @@ impl Body<f64> {
         }
     }
 
-    /// Whether a state is one of this body's.
-    pub fn owns(&self, motion: &Motion<f64>) -> bool {
-        matches!(
-            (self, motion),
-            (Self::Thesis(_), Motion::Thesis(_)) | (Self::Consistent(_), Motion::Consistent(_))
-        )
+    /// Whether a motion is one of this body's at an extension; one that flies on has finite numbers, and
+    /// shows what its coordinates make of them.
+    pub fn owns(&self, motion: &Motion<f64>, extension: &Extension<f64>, flies_on: bool) -> bool {
+        match (self, motion) {
+            (Self::Thesis(_), Motion::Thesis(motion)) => {
+                !flies_on || motion.iter().all(|x| x.is_finite())
+            }
+            (Self::Consistent(body), Motion::Consistent(seen)) => {
+                !flies_on
+                    || seen.state.fits(self.coordinates())
+                        && seen.outputs == body.outputs(&seen.state, extension)
+            }
+            _ => false,
+        }
     }
 
     /// Kinetic and potential energy, J.

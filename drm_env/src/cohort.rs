@@ -13,8 +13,8 @@ use crate::parameter::Overrides;
 use crate::rng::{Purpose, Seed, Stream};
 use crate::scenario::Scenario;
 use crate::task::{
-    RewardScale, RewardSums, charge_for_rest, frame_size, lost, observation_size, observe,
-    told_payload,
+    RewardScale, RewardSums, charge_for_rest, frame_now, frame_size, lost, observation_size,
+    observe, told_payload,
 };
 use crate::vector::{Vector, Work, variants};
 use crate::witness::{Watched, Witness};
@@ -45,8 +45,9 @@ pub(crate) struct Setup {
     pub(crate) scale: RewardScale,
     pub(crate) frame_size: usize,
     pub(crate) observation_size: usize,
-    samples_per_action: usize,
-    horizon: u64,
+    pub(crate) samples_per_action: usize,
+    /// Samples in an episode that is not cut short.
+    pub(crate) horizon: u64,
 }
 
 impl Setup {
@@ -234,11 +235,7 @@ impl<T: Number> Cohort<T> {
         self.terms.put_lane(lane, &[0.0; 3]);
         self.episode_return.set_lane(lane, 0.0);
         self.diverged &= !(1 << lane);
-        let mut frame = vec![0.0; setup.frame_size];
-        let mut place = Some(frame.as_mut_slice());
-        observe(flight, &setup.config.task, &payload, 1, |_| {
-            place.take().unwrap_or_default()
-        });
+        let frame = frame_now(flight, &setup.config.task, &payload);
         let size = setup.observation_size;
         for row in self.observations[lane * size..][..size].chunks_exact_mut(frame.len()) {
             row.copy_from_slice(&frame);

@@ -501,7 +501,6 @@ impl Task {
                      cost {worst:.0e})",
                     scenario.horizon
                 );
-                let weight = format!("{weight:e}");
                 let error = ConfigError::value(name, requirement, weight);
                 return Err(error.within("reward"));
             }

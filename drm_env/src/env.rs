@@ -13,7 +13,7 @@ use crate::metrics::Metrics;
 use crate::parameter::{COUNT, Overrides};
 use crate::rng::{Purpose, Seed, Stream};
 use crate::scenario::Scenario;
-use crate::task::told_payload;
+use crate::task::{OBSERVATION_LIMIT, frame_now, told_payload};
 
 /// What a step returns besides the observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -254,27 +254,21 @@ impl Cohort<f64> {
         }
         let damaged = |what: &dyn std::fmt::Display| SnapshotError::Damaged(what.to_string());
         let saved: Saved = postcard::from_bytes(body).map_err(|e| damaged(&e))?;
-        if saved.observation.len() != self.observations.len() {
-            return Err(damaged(&"the observation has another length").into());
-        }
-        if saved.persistent.iter().any(|(index, ..)| *index >= COUNT) {
-            return Err(damaged(&"it names an unknown parameter").into());
-        }
+        self.check_saved(&saved).map_err(|e| damaged(&e))?;
+        let persistent = self.overrides_of(&saved).map_err(|e| damaged(&e))?;
         let plan = Plan::new(&saved.scenario).map_err(|e| damaged(&e))?;
         let payload =
             told_payload(&saved.scenario, &self.config().task).map_err(|e| damaged(&e))?;
-        let noise = Stream::new(saved.seed, 0, Purpose::Sensors);
+        let noise = Stream::new(saved.seed, saved.episode, Purpose::Sensors);
         let mut flight = Flight::new(plan, noise).map_err(|e| damaged(&e))?;
-        flight.set_state(saved.flight)?;
+        flight.set_state(saved.flight, saved.diverged)?;
+        let fresh = saved.phase == Phase::Fresh;
+        let seen = fresh || self.shows(&saved.observation, &flight, &payload);
+        if !(seen && self.reaches(saved.phase, saved.steps, saved.diverged, &flight)) {
+            return Err(damaged(&"its parts do not belong together").into());
+        }
         self.flight = flight;
         self.payload = payload;
-        let persistent = saved
-            .persistent
-            .into_iter()
-            .map(|(index, number, name)| {
-                (index, number.map_or(Setting::Name(name), Setting::Number))
-            })
-            .collect();
         self.members[0] = Member {
             seed: saved.seed,
             episode: saved.episode,
@@ -288,6 +282,69 @@ impl Cohort<f64> {
         self.diverged = u32::from(saved.diverged);
         self.observations = saved.observation;
         Ok(())
+    }
+
+    /// Refuses a snapshot with values that no environment of this configuration has.
+    fn check_saved(&self, saved: &Saved) -> Result<(), &'static str> {
+        let task = &self.config().task;
+        let limit = OBSERVATION_LIMIT as f32;
+        if saved.observation.len() != self.observations.len() {
+            return Err("the observation has another length");
+        }
+        if !saved.observation.iter().all(|x| x.abs() <= limit) {
+            return Err("its observation is none");
+        }
+        if saved.scenario.common_part() != self.config().scenario.common_part() {
+            return Err("it holds a manoeuvre of another configuration");
+        }
+        if saved.episode == u64::MAX {
+            return Err("it has no next episode");
+        }
+        let (driven, idle) = saved.action.split_at(task.actuators.len());
+        if !driven.iter().all(|x| x.abs() <= 1.0) || idle.iter().any(|x| *x != 0.0) {
+            return Err("its action is none");
+        }
+        let mut paid = saved.terms.iter().chain([&saved.episode_return]);
+        if !paid.all(|x| x.is_finite() && *x <= 0.0) {
+            return Err("its reward is none");
+        }
+        Ok(())
+    }
+
+    /// What a snapshot overrides in every episode.
+    fn overrides_of(&self, saved: &Saved) -> Result<Overrides, ConfigError> {
+        let wrong = |what: &str| Err(ConfigError::form("context", what));
+        let mut overrides = Overrides::with_capacity(saved.persistent.len().min(COUNT));
+        for (index, number, name) in &saved.persistent {
+            if *index >= COUNT || overrides.iter().any(|(other, _)| other == index) {
+                return wrong("it names an unknown parameter, or one twice");
+            }
+            let setting = number.map_or_else(|| Setting::Name(name.clone()), Setting::Number);
+            overrides.push((*index, setting));
+        }
+        let config = self.config();
+        config.check_overrides(saved.seed, saved.episode, &overrides)?;
+        Ok(overrides)
+    }
+
+    /// Whether an observation shows a flight.
+    fn shows(&self, observation: &[f32], flight: &Flight, payload: &[f64; 3]) -> bool {
+        let frame = frame_now(flight, &self.config().task, payload);
+        // of a void state nothing is shown
+        flight.void() != 0 || observation.ends_with(&frame)
+    }
+
+    /// Whether an episode is in this phase after so many steps and the samples of the flight.
+    fn reaches(&self, phase: Phase, steps: f64, diverged: bool, flight: &Flight) -> bool {
+        let (each, horizon) = (self.setup.samples_per_action, self.setup.horizon as f64);
+        let sample = flight.common.sample;
+        let begun = (sample / each as f64).ceil();
+        let course = match phase {
+            Phase::Fresh => sample == 0.0 && !diverged,
+            Phase::Running => sample < horizon && steps * each as f64 == sample && !diverged,
+            Phase::Ended => sample == horizon || sample > 0.0 && diverged,
+        };
+        course && steps == begun && sample <= horizon
     }
 }
 

@@ -32,10 +32,13 @@ impl ConfigError {
         requirement: impl Into<String>,
         value: impl std::fmt::Display,
     ) -> Self {
+        let text = value.to_string();
+        // not hundreds of zeros
+        let number = text.parse::<f64>().ok().filter(|_| text.len() > 24);
         Self::Value {
             path: path.into(),
             requirement: requirement.into(),
-            value: value.to_string(),
+            value: number.map_or(text, |number| format!("{number:e}")),
         }
     }
 

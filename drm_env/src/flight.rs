@@ -1029,15 +1029,14 @@ impl Flight<f64> {
         }
     }
 
-    /// Replaces the state by one taken from a flight of the same plan.
+    /// Replaces the state by one taken from a flight of the same plan; only a flight that is over may be
+    /// beyond the limits of [`crate::validity`].
     ///
     /// # Errors
-    /// A state of another plant, or with other delays; nothing has changed then.
-    pub fn set_state(&mut self, state: FlightState) -> Result<(), SnapshotError> {
+    /// A state of another plant, with other delays, or with numbers that no flight has; nothing has
+    /// changed then.
+    pub fn set_state(&mut self, state: FlightState, over: bool) -> Result<(), SnapshotError> {
         let damaged = |what: &str| Err(SnapshotError::Damaged(what.into()));
-        if !self.body.owns(&state.motion) {
-            return damaged("it holds the state of another plant");
-        }
         let fits = match (&state.lines, self.plain) {
             (None, plain) => plain,
             (Some(lines), _) => {
@@ -1054,14 +1053,71 @@ impl Flight<f64> {
         }
         let time = sample * self.shared.sample_period;
         let piece = self.timeline().index(time);
-        self.clock = Clock::new(self.timeline(), piece, time);
-        self.manoeuvres[0].piece = piece as u32;
-        self.manoeuvres[0].lines = state.lines;
-        self.look_at_pieces();
-        self.common = state.common;
-        self.motion = state.motion;
-        self.measured = (!self.plain).then(|| Box::new(state.measured));
+        let clock = Clock::new(self.timeline(), piece, time);
+        let mut next = Self {
+            clock,
+            common: state.common,
+            motion: state.motion,
+            measured: (!self.plain).then(|| Box::new(state.measured)),
+            ..self.clone()
+        };
+        next.manoeuvres[0].piece = piece as u32;
+        next.manoeuvres[0].lines = state.lines;
+        next.look_at_pieces();
+        let void = next.void() != 0;
+        if void && !over {
+            return damaged("it holds a flight that is over");
+        }
+        if !next.body.owns(&next.motion, &clock.extension, !void) {
+            return damaged("it holds the state of another plant");
+        }
+        if !next.is_plausible(void) {
+            return damaged("it holds numbers that no flight has");
+        }
+        *self = next;
         Ok(())
+    }
+
+    /// Whether a flight can have left these numbers in wheels, laws, metrics and lines; what follows the
+    /// motion need not be finite where that is `void`.
+    fn is_plausible(&self, void: bool) -> bool {
+        let Common {
+            sample,
+            root,
+            tip,
+            memory,
+            metrics,
+            torques,
+        } = &self.common;
+        let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        // a lag's torque is rounded on the way to its command
+        let within = |values: &[f64], wheel: &WheelLimits<f64>| {
+            let limit = wheel.torque * (1.0 + 1e-9);
+            values.iter().all(|value| value.abs() <= limit)
+        };
+        let LawMemory {
+            slew_error_rate,
+            link2_deflection_rate,
+            started,
+        } = *memory;
+        let lines = &self.manoeuvres[0].lines;
+        let [to_root, to_tip, seen] = lines
+            .as_ref()
+            .map_or_else(Default::default, |lines| lines.numbers());
+        let following = [
+            &[slew_error_rate, link2_deflection_rate][..],
+            &self.measured(),
+            &seen,
+        ];
+        within(&[root.torque], &self.fixed.root)
+            && within(&to_root, &self.fixed.root)
+            && within(&[tip.torque], &self.fixed.tip)
+            && within(&to_tip, &self.fixed.tip)
+            && finite(&[root.applied, root.momentum, tip.applied, tip.momentum])
+            && finite(torques)
+            && [0.0, 1.0].contains(&started)
+            && metrics.fits(*sample)
+            && (void || following.into_iter().all(finite))
     }
 
     /// Puts a flight without lines at the beginning of a sample, with this deviation from the

@@ -54,6 +54,14 @@ impl Lines {
             && self.tip.len() == other.tip.len()
             && self.sensor.len() == other.sensor.len()
             && self.errors == other.errors
+            && self.noise.track() == other.noise.track()
+    }
+
+    /// Every number on its way: commands of root and tip wheel, and outputs.
+    pub(crate) fn numbers(&self) -> [Vec<f64>; 3] {
+        let list = |line: &VecDeque<f64>| line.iter().copied().collect();
+        let outputs = self.sensor.iter().flatten().copied().collect();
+        [list(&self.root), list(&self.tip), outputs]
     }
 
     /// Sends a command off and returns the one that arrives.

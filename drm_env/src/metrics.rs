@@ -229,6 +229,32 @@ impl<T: Lane> Accumulator<T> {
 }
 
 impl Accumulator<f64> {
+    /// Whether a flight of so many samples can have left these sums.
+    pub(crate) fn fits(&self, flown: f64) -> bool {
+        let counts = [
+            self.unsettled_until,
+            self.residual_samples,
+            self.samples,
+            flown,
+        ];
+        let sums = [
+            self.squared_tip_error,
+            self.peak_deflection,
+            self.squared_residual,
+            self.residual_peak,
+            self.unsettled_until,
+            self.effort,
+            self.saturated,
+            self.power,
+        ];
+        counts.is_sorted()
+            && counts.iter().all(|count| count.fract() == 0.0)
+            && sums.iter().all(|sum| sum.is_finite() && *sum >= 0.0)
+            && self.saturated <= self.samples
+            && self.peak_slew_angle.is_finite()
+            && self.last_slew_error.is_finite()
+    }
+
     /// Metrics so far. `final_angle` is the slew's target in its own direction, rad;
     /// `residual_energy` the energy now, J.
     pub fn metrics(

@@ -103,7 +103,7 @@ impl Slew {
         Err(ConfigError::value(
             "smoothing",
             "must be 0 or long enough to be computed with at this angle and acceleration",
-            format!("{:e}", self.smoothing),
+            self.smoothing,
         ))
     }
 

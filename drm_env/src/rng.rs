@@ -85,6 +85,13 @@ impl Stream {
         ))
     }
 
+    /// What tells the streams of seeds, episodes and purposes apart at any time: their increments.
+    pub(crate) fn track(&self) -> Option<u128> {
+        let bytes = postcard::to_allocvec(self).ok()?;
+        let (_state, increment): (u128, u128) = postcard::from_bytes(&bytes).ok()?;
+        Some(increment)
+    }
+
     /// Uniform on [0, 1): the upper 53 bits of a word.
     pub fn uniform(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)

@@ -398,6 +398,32 @@ impl Scenario {
             .duration(self.slew.final_time(), link2 + reported.mass)
     }
 
+    /// What no parameter sets: scenarios of one environment have it in common.
+    pub(crate) fn common_part(&self) -> Self {
+        let Self {
+            dynamics,
+            slew_motor,
+            plant,
+            modes,
+            integrator_step,
+            sample_period,
+            horizon,
+            ..
+        } = *self;
+        let mut common = Self {
+            dynamics,
+            slew_motor,
+            plant,
+            modes,
+            integrator_step,
+            sample_period,
+            horizon,
+            ..Self::default()
+        };
+        common.dynamics.structural_damping = 0.0;
+        common
+    }
+
     /// Number of samples in the horizon.
     pub fn samples(&self) -> usize {
         (libm::round(self.horizon / self.sample_period) as usize).max(1)

@@ -211,6 +211,16 @@ pub(crate) fn observe<'a, T: Number>(
     }
 }
 
+/// The frame of a flight now; `payload` is what is told of its payload.
+pub(crate) fn frame_now(flight: &Flight, task: &Task, payload: &[f64; 3]) -> Vec<f32> {
+    let mut frame = vec![0.0; frame_size(task)];
+    let mut place = Some(frame.as_mut_slice());
+    observe(flight, task, payload, 1, |_| {
+        place.take().unwrap_or_default()
+    });
+    frame
+}
+
 /// Names of the reward's terms, in the order of [`RewardSums::terms`].
 pub const REWARD_NAMES: [&str; 3] = ["reward/tip_vibration", "reward/slew_error", "reward/effort"];
 

@@ -19,7 +19,7 @@ pub mod torsion;
 pub use assumed::{AssumedArm, Kinematics};
 pub use beam::{Root, Segment, SegmentedBeam, TipBody, UniformBeam};
 pub use finite_element::FiniteElementBeam;
-pub use thesis::{ElasticModes, elastic_modes, elastic_frequencies, matrices_at_rest};
+pub use thesis::{ElasticModes, elastic_frequencies, elastic_modes, matrices_at_rest};
 
 use pencil::{Eigenpair, Field};
 

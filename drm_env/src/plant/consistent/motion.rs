@@ -115,6 +115,14 @@ impl ConsistentState<f64> {
             .flatten()
             .all(|x| x.is_finite())
     }
+
+    /// Whether it can be the state of a plant of so many coordinates that flies on.
+    pub(crate) fn fits(&self, size: usize) -> bool {
+        let beyond = |list: &[f64; CAPACITY]| list[size..].iter().all(|x| *x == 0.0);
+        [&self.q, &self.v, &self.a].into_iter().all(beyond)
+            && [0.0, 1.0].contains(&self.drive.started)
+            && self.numbers().all(|x| x.is_finite())
+    }
 }
 
 /// What is seen of a state, each a value and its rate.
