@@ -205,9 +205,9 @@ def test_a_scenario_that_is_wrong_is_named() -> None:
 
 def test_flights_that_diverge_end_alone() -> None:
     """A wheel without limit throws one arm away; those beside it are flown to the end."""
-    wild = {"root_wheel": {"torque_limit": 1e300}, "horizon": 0.5}
+    wild = {"root_wheel": {"torque_limit": 1e20}, "horizon": 0.5}
     torques = np.zeros((3, 1, 2))
-    torques[1] = 1e300
+    torques[1] = 1e20
     with np.errstate(all="ignore"):
         flown = drm_env.rollout([wild] * 3, torques=torques, hold=250, num_threads=1)
     assert flown["diverged"].tolist() == [0.0, 1.0, 0.0]

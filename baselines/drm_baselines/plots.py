@@ -37,8 +37,8 @@ def plot_manoeuvres(
 ) -> Path:
     """Draw slew error, tip deflection and wheel torques of manoeuvres over time.
 
-    ``flights`` are trajectories by name or label of the policy, with the signals that
-    ``drm_env.simulate`` returns.
+    ``flights`` are trajectories by name or label of the policy, as ``drm_env.simulate`` returns
+    them; those that diverged are drawn up to there and labelled so.
     """
     figure, grid = subplots(5, 1, size=(9.0, 12.0), sharex=True)
     axes = list(grid[:, 0])
@@ -52,12 +52,17 @@ def plot_manoeuvres(
     )
     for axis, (label, signal) in zip(axes, rows, strict=True):
         for (name, flight), style in zip(flights.items(), drawn, strict=True):
+            lost = getattr(flight, "metrics", {}).get("diverged")
             axis.plot(
-                flight["time"], signal(flight), label=title_of(name), linewidth=1.1, **_line(style)
+                flight["time"],
+                signal(flight),
+                label=f"{title_of(name)} (diverged)" if lost else title_of(name),
+                linewidth=1.1,
+                **_line(style),
             )
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
-    reference = next(iter(flights.values()))
+    reference = max(flights.values(), key=lambda flight: float(flight["time"][-1]))
     axes[0].plot(
         reference["time"],
         reference["reference_angle"] * _DEGREES,

@@ -1,6 +1,6 @@
 //! Typed failures. Every variant carries the name of what is wrong and the offending value.
 
-use crate::validity::{FASTEST_SLEW, LARGEST_DEFLECTION};
+use crate::validity::{LARGEST_DEFLECTION, LARGEST_SLEW_ERROR};
 
 /// A configuration, scenario or option that cannot be used. Nothing has changed when it is returned.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -113,7 +113,7 @@ pub enum SimulationError {
     /// A flight whose linear model was to be measured has left the limits of [`crate::validity`].
     #[error(
         "the flight diverged at t = {time} s: finite numbers, a tip deflection of at most {} of the reach \
-         and a slew rate of at most {FASTEST_SLEW:.4} rad/s are what the equations describe",
+         and a slew error of at most {LARGEST_SLEW_ERROR:.4} rad are what the equations describe",
         LARGEST_DEFLECTION
     )]
     Diverged {

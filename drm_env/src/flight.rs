@@ -570,13 +570,13 @@ impl<T: Number> Flight<T> {
             saturated,
             power,
         };
-        let lost = outputs.not_finite().bits();
-        if lost == 0 {
+        let void = self.void();
+        if void == 0 {
             self.common.metrics.take(&sample, self.fixed.direction);
         } else {
             let kept = self.common.metrics;
             self.common.metrics.take(&sample, self.fixed.direction);
-            for lane in lanes_of(lost) {
+            for lane in lanes_of(void) {
                 self.common.metrics.put_lane(lane, &kept.lane_of(lane));
             }
         }

@@ -66,7 +66,7 @@ pub struct Metrics {
     pub residual_energy: f64,
     /// End of the slew profile, s.
     pub slew_end_time: f64,
-    /// Time flown, s.
+    /// Time flown within the limits of [`crate::validity`], s.
     pub duration: f64,
     /// Whether the episode ended at a limit of the structure, beyond those of [`crate::validity`] or with
     /// numbers that are not finite.

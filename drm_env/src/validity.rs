@@ -12,9 +12,9 @@ use crate::lane::Number;
 /// w'' / (1 + w'^2)^(3/2), a fifth less there, and leaves out that the tip draws near.
 pub const LARGEST_DEFLECTION: f64 = 0.25;
 
-/// Fastest slew, rad/s: one turn a second. The centrifugal load of a payload then is some fifty times
-/// its weight, and of the order of what stiffens a link as much as bending does.
-pub const FASTEST_SLEW: f64 = std::f64::consts::TAU;
+/// Largest slew error, rad: one turn. Beyond it the arm is where another error has it too, and the
+/// flight, whose open loop, laws and metrics are all about this error, is no longer the manoeuvre.
+pub const LARGEST_SLEW_ERROR: f64 = std::f64::consts::TAU;
 
 impl<T: Number> Flight<T> {
     /// Lanes whose state is beyond these limits or no longer finite, a bit each.
@@ -22,7 +22,7 @@ impl<T: Number> Flight<T> {
     pub(crate) fn void(&self) -> u32 {
         let outputs = self.outputs();
         let bent = (self.reach() * LARGEST_DEFLECTION).below(outputs.tip[0].abs());
-        let fast = T::splat(FASTEST_SLEW).below(outputs.slew[1].abs());
-        (outputs.not_finite() + bent + fast).bits()
+        let astray = T::splat(LARGEST_SLEW_ERROR).below(self.slew_error().abs());
+        (outputs.not_finite() + bent + astray).bits()
     }
 }

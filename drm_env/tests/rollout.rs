@@ -148,7 +148,7 @@ fn a_diverging_manoeuvre_ends_with_its_last_finite_row() {
         horizon: 1.0,
         ..Scenario::default()
     };
-    scenario.initial.beta_rate = 1e154;
+    scenario.initial.beta_rate = 1e4;
     let law = Law::named("linear").unwrap();
     let scenarios = [
         Scenario {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use drm_env::batch::{Autoreset, Batch};
+use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::config::EnvConfig;
 use drm_env::control::Law;
 use drm_env::distribution::Setting;
@@ -273,6 +273,33 @@ fn snapshots_that_were_taken_are_taken_back() {
                 assert!(!env.is_running());
                 assert_eq!(env.diverged(), limit < 1.0);
             }
+        }
+        let count = 11;
+        let mut batch = Batch::new(
+            Arc::new(config.clone()),
+            count,
+            Autoreset::NextStep,
+            Some(1),
+        )
+        .expect("it can be made");
+        let seeds: Vec<_> = (0..count as u64).map(|i| Some(Seed::from_u64(i))).collect();
+        batch.reset(&seeds, None, None).expect("it can be drawn");
+        let size = batch.observation_size();
+        let actions = vec![0.3; count * config.task.actuators.len()];
+        for _ in 0..7 {
+            let mut out = StepBuffers {
+                observations: &mut vec![0.0; count * size],
+                rewards: &mut vec![0.0; count],
+                terminated: &mut vec![false; count],
+                truncated: &mut vec![false; count],
+                terms: &mut vec![0.0; 3 * count],
+            };
+            batch.step(&actions, &mut out).expect("they are running");
+            let bytes = batch.get_state();
+            batch.set_state(&bytes).expect("it was taken");
+            assert_eq!(batch.get_state(), bytes);
+            let one = batch.env_state(3).expect("there is such an environment");
+            made(&config).set_state(&one).expect("it was taken");
         }
         config.randomize = Randomize::default();
         let fresh = made(&config).get_state();

@@ -112,17 +112,19 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     A manoeuvre is drawn: by default (``"slew"``) 50 deg at 0.02 rad/s^2 in minimum time while link
     2 deploys from 1 m to 8 m, with a payload of 50 to 500 kg, reported wrong by up to 15 %. The
     arm starts at rest. ``reset(options={"payload_mass": 320.0})`` fixes parameters for one episode,
-    `set_context` until changed. The true parameters are in every info as ``context/...``, numbers
-    throughout (a name is its position among the alternatives, a limit that is not set infinite).
+    `set_context` until changed; what does not go together is drawn again. The true parameters are
+    in every info as ``context/...``, numbers throughout (a name is its position among the
+    alternatives, a limit that is not set infinite).
 
     End of an episode
     -----------------
-    *Termination*: the slew error or the tip deflection exceeds ``limits``, or the state is no
-    longer finite; the rest of the horizon is then charged as if the limit were held, so that
-    ending early never pays. *Truncation*: the horizon (20 s) is over. Reaching the target does not
-    end the episode. The last info holds ``metrics/...`` (see `drm_env.episode_metrics`),
-    ``diverged`` and ``is_success`` (settled: |tip deflection| <= 1 mm and slew error at the tip
-    <= 10 mm to the end).
+    *Termination*: the slew error or the tip deflection exceeds ``limits``, or the state leaves what
+    the equations describe (a tip deflection of a quarter of the reach, a slew error of one turn,
+    finite numbers; the last observation within is then kept, and the metrics are NaN); the rest of
+    the horizon is charged as if the limit were held, so that ending early never pays.
+    *Truncation*: the horizon (20 s) is over. Reaching the target does not end the episode. The last
+    info holds ``metrics/...`` (see `drm_env.episode_metrics`), ``diverged`` and ``is_success``
+    (settled: |tip deflection| <= 1 mm and slew error at the tip <= 10 mm to the end).
 
     Parameters
     ----------

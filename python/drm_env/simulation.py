@@ -146,7 +146,10 @@ def simulate(
         The signals ``time, slew_angle, slew_rate, reference_angle, reference_rate,
         reference_accel, alpha, beta, alpha_rate, beta_rate, tip_deflection,
         link2_tip_deflection, extension, extension_rate, slew_torque, root_torque, tip_torque,
-        root_momentum, tip_momentum, motor_power`` and the metrics.
+        root_momentum, tip_momentum, motor_power`` and the metrics. A manoeuvre that diverges (a tip
+        deflection beyond a quarter of the reach, a slew error beyond one turn, numbers that
+        are not finite) ends there: ``metrics["diverged"]`` is 1, and all other metrics but
+        ``settled`` (0), ``slew_end_time``, ``duration`` and ``episode_return`` are NaN.
 
     Raises
     ------
@@ -310,7 +313,9 @@ def rollout(
     metrics
         Metrics by name (see `episode_metrics`), each of shape (len(scenarios),), in the order of
         ``scenarios``, with the kept signals in the attribute ``trajectories``. The numbers do not
-        depend on the number of threads. The return of a law is 0: nothing is paid.
+        depend on the number of threads. The return of a law is 0: nothing is paid. A manoeuvre
+        that diverges ends there, see `simulate`; one that a policy ends at a limit of its task is
+        called diverged too, and has the metrics of the time up to there.
 
     Raises
     ------

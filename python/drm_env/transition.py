@@ -66,6 +66,8 @@ def transitions(
     ------
     ConfigError
         an unknown name or an impossible value, a hold that does not divide the samples.
+    SimulationError
+        an arm that leaves what the equations describe within ``hold`` samples; see `simulate`.
     """
     if isinstance(hold, bool) or not isinstance(hold, int) or hold < 1:
         raise ConfigError(f"hold must be a positive integer, got {hold!r}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drm_baselines.cli.common import guarded
-from drm_baselines.cli.terminal import say_files, say_json, show
+from drm_baselines.cli.terminal import complain, say_files, say_json, show
 from drm_baselines.errors import BaselineError
 from drm_baselines.interruption import leaving_at_once
 from drm_baselines.reading import read_table, shown
@@ -176,6 +176,14 @@ def simulate(
                 {name: flight.metrics for name, flight in flights.items()}, title="manoeuvre"
             )
         )
+    for name, flight in flights.items():
+        if flight.metrics["diverged"]:
+            lasted = flight.metrics["duration"]
+            complain(
+                f"{name} after {lasted:g} s: the arm left what the equations describe, and there "
+                "are no results",
+                "diverged",
+            )
     if out is None:
         return
     files = [
