@@ -108,7 +108,7 @@ def test_the_command_says_so_and_the_picture_shows_the_flight_up_to_there(tmp_pa
     arguments = ["simulate", str(path), "--law", "none", "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
-    assert "diverged: none after " in result.output
+    assert "diverged: open loop after " in result.output
     report = json.loads((tmp_path / "out" / "simulation.json").read_text())
     assert report["metrics"]["none"]["diverged"] == 1.0
     assert report["metrics"]["none"]["peak_deflection"] is None

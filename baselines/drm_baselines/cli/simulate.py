@@ -133,6 +133,7 @@ def simulate(
         import drm_env
         from drm_baselines import storage
         from drm_baselines.policies import law_data
+        from drm_baselines.policy_names import title_of
         from drm_baselines.tables import metrics_table
 
     description = read_table(scenario, "scenario file") if scenario is not None else {}
@@ -180,8 +181,8 @@ def simulate(
         if flight.metrics["diverged"]:
             lasted = flight.metrics["duration"]
             complain(
-                f"{name} after {lasted:g} s: the arm left what the equations describe, and there "
-                "are no results",
+                f"{title_of(name)} after {lasted:g} s: the arm left what the equations describe, and "
+                "there are no results",
                 "diverged",
             )
     if out is None:

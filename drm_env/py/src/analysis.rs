@@ -346,7 +346,7 @@ pub(crate) fn transitions<'py>(
 ) -> Outcome<(usize, usize, Vec<Out1<'py, f64>>)> {
     let found = detached(py, || {
         let scenario = scenario_from_json(scenario)?;
-        Ok(Transitions::of(&scenario, hold)?)
+        Transitions::of(&scenario, hold)
     })?;
     let arrays = [
         &found.start,
