@@ -181,8 +181,8 @@ def simulate(
         if flight.metrics["diverged"]:
             lasted = flight.metrics["duration"]
             complain(
-                f"{title_of(name)} after {lasted:g} s: the arm left what the equations describe, and "
-                "there are no results",
+                f"{title_of(name)} after {lasted:g} s: the arm left what the equations describe, "
+                "and there are no results",
                 "diverged",
             )
     if out is None:
