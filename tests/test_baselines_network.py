@@ -16,9 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drm_baselines import load_policy
-from drm_baselines import network as module
 from drm_baselines.errors import PolicyError, RunError
-from drm_baselines.network import NetworkPolicy, Perceptron, save_policy
+from drm_baselines.policies import policy_file as module
+from drm_baselines.policies.perceptron import NetworkPolicy, Perceptron
+from drm_baselines.policies.policy_file import save_policy
 
 DESCRIPTION: dict[str, Any] = {
     "env_id": "drm_env/SlewResidual-v0",
@@ -150,7 +151,7 @@ def test_a_pickle_in_place_of_weights_is_not_executed(tmp_path: Path) -> None:
     save_policy(tmp_path, small_network(), DESCRIPTION)
     weights = tmp_path / "policy.safetensors"
     weights.write_bytes(pickle.dumps(Bomb()))
-    from drm_baselines.storage import sha256_of
+    from drm_baselines.support.storage import sha256_of
 
     description = json.loads((tmp_path / "policy.json").read_text())
     description["weights_sha256"] = sha256_of(weights)

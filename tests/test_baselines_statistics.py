@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from drm_baselines.errors import BaselineError
-from drm_baselines.records import Episodes, comparison
-from drm_baselines.statistics import (
+from drm_baselines.evaluation.records import Episodes, comparison
+from drm_baselines.evaluation.statistics import (
     compare_paired,
     interquartile_estimate,
     interquartile_mean,

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drm_baselines import storage
 from drm_baselines.errors import BaselineError, ExistingResultError
-from drm_baselines.records import Episodes, write_records
+from drm_baselines.evaluation.records import Episodes, write_records
+from drm_baselines.support import storage
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:

@@ -21,22 +21,21 @@ pytest.importorskip("stable_baselines3")
 
 import drm_env
 from drm_baselines import load_policy
-from drm_baselines.asymmetric import PRIVILEGED, PrivilegedObservations
 from drm_baselines.errors import BaselineError, ExistingResultError, RunError
-from drm_baselines.evaluation import TRAINING_SEED, environment_config
-from drm_baselines.export import perceptron_of
-from drm_baselines.hyperparameters import from_data, load_hyperparameters
-from drm_baselines.runs import load_run
-from drm_baselines.staggering import StaggeredStart
-from drm_baselines.training import (
+from drm_baselines.evaluation.environments import environment_config
+from drm_baselines.rl.asymmetric import PRIVILEGED, PrivilegedObservations
+from drm_baselines.rl.export import perceptron_of
+from drm_baselines.rl.hyperparameters import from_data, load_hyperparameters
+from drm_baselines.rl.request import Point, SilentWatcher, TrainingRequest
+from drm_baselines.rl.run_record import load_run
+from drm_baselines.rl.staggered_resets import StaggeredStart
+from drm_baselines.rl.training import (
     CURVE_SEED,
-    Point,
-    SilentWatcher,
-    TrainingRequest,
     request_of,
     resume,
     train,
 )
+from drm_baselines.support.seeds import TRAINING_SEED
 from drm_env.sb3 import make_sb3_vec
 
 ENV_ID = "drm_env/SlewResidual-v0"

@@ -20,24 +20,35 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 import drm_env
-from drm_baselines.bench import (
-    engine,
-    instructions,
-    kernel,
-    memory,
-    pictures,
-    reference_model,
-    reference_numpy,
-    report,
-    scaling,
-    sections,
-    vector,
-    yardstick,
-)
-from drm_baselines.bench.measure import Spread, interleave, paired_ratio, seconds_per_call
-from drm_baselines.bench.results import Bench, Curve, Row, Section
 from drm_baselines.cli import app
 from drm_baselines.errors import BaselineError
+from drm_baselines.speed import (
+    engine,
+    instructions,
+    plots,
+    report,
+    sections,
+)
+from drm_baselines.speed.measure import (
+    Spread,
+    interleave,
+    paired_ratio,
+    seconds_per_call,
+)
+from drm_baselines.speed.reference import model, with_numpy, yardstick
+from drm_baselines.speed.results import (
+    Bench,
+    Curve,
+    Row,
+    Section,
+)
+from drm_baselines.speed.sections import (
+    kernel,
+    memory,
+    scaling,
+    vector,
+)
+from drm_baselines.support.format import significant
 from drm_env import _engine
 
 HAS_COMPILER = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
@@ -85,9 +96,9 @@ def simulated(samples: int) -> NDArray[np.float64]:
 
 
 def assert_same_flight(
-    fly: Callable[[reference_model.Payloads, int], NDArray[np.float64]], samples: int
+    fly: Callable[[model.Payloads, int], NDArray[np.float64]], samples: int
 ) -> None:
-    state = fly(reference_model.Payloads.of(MASSES, LENGTHS, WIDTHS, MASS_ERRORS), samples)
+    state = fly(model.Payloads.of(MASSES, LENGTHS, WIDTHS, MASS_ERRORS), samples)
     expected = simulated(samples)
     scale = np.abs(expected).max(axis=1, keepdims=True)
     np.testing.assert_allclose(state / scale, expected / scale, rtol=0.0, atol=1e-8)
@@ -95,26 +106,26 @@ def assert_same_flight(
 
 def test_the_numpy_reference_flies_where_the_engine_flies() -> None:
     """4000 samples: beyond the switch at half the slew."""
-    assert_same_flight(reference_numpy.fly, 4000)
+    assert_same_flight(with_numpy.fly, 4000)
 
 
 @needs_numba
 def test_the_numba_reference_flies_where_the_engine_flies() -> None:
-    from drm_baselines.bench import reference_numba
+    from drm_baselines.speed.reference import with_numba
 
-    assert_same_flight(reference_numba.fly, 10_000)
+    assert_same_flight(with_numba.fly, 10_000)
 
 
 def test_the_references_refuse_a_payload_without_mass() -> None:
     with pytest.raises(BaselineError, match="mass must be positive, got 0"):
-        reference_model.Payloads.of([100.0, 0.0], 1.0, 0.5)
+        model.Payloads.of([100.0, 0.0], 1.0, 0.5)
 
 
 def test_no_step_of_the_references_straddles_a_switch() -> None:
-    plan = reference_model.legs(10_000)
+    plan = model.legs(10_000)
     # one more step in the sample that the end of the slew cuts, and one in that of its middle
     assert plan.steps.sum() == 40_002
-    assert plan.h.max() <= reference_model.MAX_STEP * (1.0 + 1e-6)
+    assert plan.h.max() <= model.MAX_STEP * (1.0 + 1e-6)
     assert plan.first.sum() == 10_000
     assert (plan.h * plan.steps).sum() == pytest.approx(20.0)
 
@@ -201,7 +212,7 @@ def test_each_size_is_paired_with_one_environment_of_the_same_rounds(
 
 
 def test_figures_have_three_digits_or_all_of_the_integer_part() -> None:
-    shown = [report.figure(value) for value in (0.0, 0.012345, 1.2345, 99.96, 12345.6, -2.5)]
+    shown = [significant(value) for value in (0.0, 0.012345, 1.2345, 99.96, 12345.6, -2.5)]
     assert shown == ["0", "0.0123", "1.23", "100.0", "12,346", "-2.50"]
     assert report.spread_text(Spread(2.0, 1.0, 3.0)) == "2.00 [1.00, 3.00]"
     assert report.spread_text(Spread(2.0, 2.0, 2.0)) == "2.00"
@@ -259,7 +270,7 @@ def test_results_as_json_csv_and_pictures(tmp_path: Path) -> None:
     assert [row["what"] for row in table] == ["engine", "C | scalar"]
     assert float(table[0]["ratio_low"]) == 0.4
     assert table[1]["ratio"] == ""
-    files = pictures.plot_all([SECTION], tmp_path)
+    files = plots.plot_all([SECTION], tmp_path)
     assert [file.name for file in files] == ["kernel-ratios.png", "steps.png"]
     assert all(file.stat().st_size > 5_000 for file in files)
 
@@ -431,7 +442,7 @@ def test_every_section_runs_in_small(
         pytest.importorskip("stable_baselines3")
     if name == "memory":
         pytest.importorskip("psutil")
-    module = importlib.import_module(f"drm_baselines.bench.{name}")
+    module = importlib.import_module(f"drm_baselines.speed.sections.{name}")
     for attribute, value in SMALL[name].items():
         monkeypatch.setattr(module, attribute, value)
     shown: list[tuple[str, int, int]] = []
@@ -444,7 +455,7 @@ def test_every_section_runs_in_small(
     if HEADLINES[name]:
         assert isinstance(section.headline[HEADLINES[name]], float)
     json.dumps(report.data([section], bench))
-    pictures.plot_all([section], tmp_path)
+    plots.plot_all([section], tmp_path)
 
 
 def test_batches_are_stepped_through_their_resets() -> None:
@@ -463,7 +474,7 @@ def test_the_configuration_for_the_engine_is_complete() -> None:
 
 def test_idle_environments_learn_like_others() -> None:
     pytest.importorskip("stable_baselines3")
-    from drm_baselines.bench.learn import idle_environment
+    from drm_baselines.speed.sections.learn import idle_environment
     from drm_env.sb3 import make_sb3_vec
 
     venv = make_sb3_vec("drm_env/Slew-v0", n_envs=3)

@@ -14,11 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 import drm_env
-from drm_baselines.benchmark import field, report, run
-from drm_baselines.benchmark.results import read_record, write_record
-from drm_baselines.benchmark.suites import load
+from drm_baselines.benchmark import competitors as competing
+from drm_baselines.benchmark import runner
+from drm_baselines.benchmark.records import read_record, write_record
+from drm_baselines.benchmark.report import targets as report
 from drm_baselines.cli import app
 from drm_baselines.errors import BaselineError, RunError
+from drm_baselines.suites import load
 
 LAWS = ("none", "linear", "lyapunov", "linear_tuned", "lyapunov_tuned", "lqr")
 
@@ -54,15 +56,15 @@ def test_flown_again_is_the_same_to_the_bit(directory: Path, tmp_path: Path) -> 
     invoke(directory)
     invoke(tmp_path, "--again")
     for law in LAWS:
-        first = read_record(run.record_file(directory, "thesis", law))
-        second = read_record(run.record_file(tmp_path, "thesis", law))
+        first = read_record(runner.record_file(directory, "thesis", law))
+        second = read_record(runner.record_file(tmp_path, "thesis", law))
         for name, values in first.metrics.items():
             np.testing.assert_array_equal(values, second.metrics[name])
 
 
 def test_records_are_not_flown_again_until_something_changes(directory: Path) -> None:
     invoke(directory)
-    path = run.record_file(directory, "thesis", "linear")
+    path = runner.record_file(directory, "thesis", "linear")
     before = path.stat().st_mtime_ns
     invoke(directory)
     assert path.stat().st_mtime_ns == before
@@ -73,7 +75,7 @@ def test_records_are_not_flown_again_until_something_changes(directory: Path) ->
 
 def test_record_says_what_flew(directory: Path) -> None:
     invoke(directory)
-    record = read_record(run.record_file(directory, "thesis", "lqr"))
+    record = read_record(runner.record_file(directory, "thesis", "lqr"))
     assert record.details["law"]["name"] == "scheduled"
     assert record.details["suite"] == load("thesis").digest
     assert record.control_period == 0.002
@@ -81,8 +83,8 @@ def test_record_says_what_flew(directory: Path) -> None:
 
 def test_thesis_is_judged_on_the_third_with_the_exact_mass(directory: Path) -> None:
     invoke(directory)
-    everybody = field.chosen(field.competitors(), ["linear"])
-    result = run.fly_suite("thesis", everybody, directory)
+    everybody = competing.chosen(competing.competitors(), ["linear"])
+    result = runner.fly_suite("thesis", everybody, directory)
     judged = report.judged_part(result).records[0].episodes
     errors = {load("thesis").scenarios[place]["mass_error"] for place in judged}
     assert (len(judged), errors) == (36, {0.0})
@@ -90,30 +92,30 @@ def test_thesis_is_judged_on_the_third_with_the_exact_mass(directory: Path) -> N
 
 def test_old_records_are_shown_under_the_names_of_today(directory: Path) -> None:
     invoke(directory)
-    path = run.record_file(directory, "thesis", "linear")
+    path = runner.record_file(directory, "thesis", "linear")
     write_record(path, replace(read_record(path), title="of old"))
-    everybody = field.chosen(field.competitors(), ["linear"])
-    assert run.fly_suite("thesis", everybody, directory).records[0].title == "linear law"
+    everybody = competing.chosen(competing.competitors(), ["linear"])
+    assert runner.fly_suite("thesis", everybody, directory).records[0].title == "linear law"
 
 
 def test_unknown_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match="'lqq'"):
-        field.chosen(field.competitors(), ["lqq"])
+        competing.chosen(competing.competitors(), ["lqq"])
     with pytest.raises(RunError, match="holds no learned policies"):
-        field.check_runs(tmp_path)
+        competing.check_runs(tmp_path)
 
 
 @pytest.mark.parametrize(
-    "method", [m for m in field.LEARNERS if field.runs_in(field.shipped_runs() / m)]
+    "method", [m for m in competing.LEARNERS if competing.runs_in(competing.shipped_runs() / m)]
 )
 def test_shipped_policies_fly_and_do_not_depend_on_threads(method: str) -> None:
-    from drm_baselines.network import load_policy
+    from drm_baselines.policies.policy_file import load_policy
 
-    runs = field.runs_in(field.shipped_runs() / method)
+    runs = competing.runs_in(competing.shipped_runs() / method)
     assert sorted(runs) == list(range(10))
     policy = load_policy(runs[0])
     scenarios = load("robust").scenarios[::100]
-    config = field.task_in(policy, scenarios)
+    config = competing.task_in(policy, scenarios)
     network = policy.network.engine()
     one = drm_env.rollout(scenarios, policy=network, config=config, num_threads=1)
     two = drm_env.rollout(scenarios, policy=network, config=config, num_threads=2)

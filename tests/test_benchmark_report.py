@@ -19,7 +19,7 @@ pytest.importorskip("jinja2")
 
 from rich.console import Console
 
-from drm_baselines.benchmark import estimates, report, run
+from drm_baselines.benchmark import estimates
 from drm_baselines.benchmark.estimates import (
     difference,
     estimate,
@@ -29,7 +29,16 @@ from drm_baselines.benchmark.estimates import (
     probability_of_improvement,
     restricted,
 )
-from drm_baselines.benchmark.results import Record, SuiteResult
+from drm_baselines.benchmark.records import Record, SuiteResult
+from drm_baselines.benchmark.report import (
+    documents,
+    page,
+    plots,
+    ranking,
+    summaries,
+    tables,
+    targets,
+)
 from drm_baselines.errors import BaselineError, ExistingResultError
 
 STRATA = ["a"] * 4 + ["b"] * 4
@@ -306,7 +315,7 @@ def test_difference_of_flights_that_both_diverged_is_nothing() -> None:
 
 
 def test_summary_holds_the_aggregates_in_si() -> None:
-    content = report.summary(field())
+    content = summaries.summary(field())
     assert content["format"] == "drm-benchmark"
     assert content["format_version"] == 1
     assert (content["suite"], content["episodes"]) == ("robust", 8)
@@ -329,7 +338,7 @@ def test_summary_holds_the_aggregates_in_si() -> None:
 
 def test_summary_is_strict_json_even_where_episodes_diverged() -> None:
     result = suite(record("p", "law", [[1.0] * 7 + [math.nan]]))
-    text = json.dumps(report.summary(result), allow_nan=False)
+    text = json.dumps(summaries.summary(result), allow_nan=False)
     entry = json.loads(text)["policies"]["p"]
     assert entry["tip_error_rms"]["mean"] is None
     assert entry["tip_error_rms"]["iqm"] == 1.0
@@ -341,16 +350,16 @@ def test_improvement_is_over_the_best_of_the_tuned_laws() -> None:
     result = suite(
         level("a", "tuned law", 3.0), level("b", "tuned law", 2.0), level("c", "law", 1.0)
     )
-    entries = report.summary(result)["policies"]
+    entries = summaries.summary(result)["policies"]
     assert {entry["probability_of_improvement"]["over"] for entry in entries.values()} == {"b"}
     assert entries["a"]["probability_of_improvement"]["value"] == 0.0
 
 
 def test_two_records_of_one_policy_or_an_unknown_kind_are_refused() -> None:
     with pytest.raises(BaselineError, match="two records of 'p'"):
-        report.summary(suite(level("p", "law", 1.0), level("p", "law", 2.0)))
+        summaries.summary(suite(level("p", "law", 1.0), level("p", "law", 2.0)))
     with pytest.raises(BaselineError, match="kind 'magic'"):
-        report.summary(suite(level("p", "magic", 1.0)))
+        summaries.summary(suite(level("p", "magic", 1.0)))
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -362,7 +371,7 @@ def cells(markdown: str) -> list[list[str]]:
 
 
 def test_table_has_a_row_a_policy_the_bound_first() -> None:
-    rows = cells(report.markdown_table(field()))
+    rows = cells(tables.markdown_table(field()))
     assert [row[0] for row in rows] == ["policy", "bound", "none", "linear", "tuned", "PPO"]
     assert dict(zip(rows[0], rows[-1], strict=True)) == {
         "policy": "PPO",
@@ -380,18 +389,18 @@ def test_table_has_a_row_a_policy_the_bound_first() -> None:
 
 
 def test_micrometres_are_not_shown_as_nothing() -> None:
-    row = cells(report.markdown_table(suite(level("bound", "bound", 0.001234))))[1]
+    row = cells(tables.markdown_table(suite(level("bound", "bound", 0.001234))))[1]
     assert row[4] == "0.00123 [0.00123, 0.00123]"
 
 
 def test_metrics_that_a_record_lacks_are_dashes() -> None:
-    row = cells(report.markdown_table(suite(record("p", "law", [[1e-3] * 8]))))[1]
+    row = cells(tables.markdown_table(suite(record("p", "law", [[1e-3] * 8]))))[1]
     assert row[5:] == ["-"] * 6
 
 
 def test_note_names_the_policy_with_fewer_episodes() -> None:
     few = record("bound", "bound", [[1e-3, 1e-3]], title="programme")
-    text = report.markdown_table(suite(few, level("linear", "law", 3.0)))
+    text = tables.markdown_table(suite(few, level("linear", "law", 3.0)))
     assert "- \\* programme: 2 of these 8 episodes" in text
     assert [row[0] for row in cells(text)[1:]] == ["programme \\*", "linear"]
     assert "linear: " not in text
@@ -402,7 +411,7 @@ def test_terminal_table_shows_brackets_as_they_are() -> None:
     result = suite(level("p", "law", 2.0, title="[b]law[/b]"), level("bound", "bound", 1.0))
     console = Console(width=220)
     with console.capture() as capture:
-        console.print(report.terminal_table(result))
+        console.print(tables.terminal_table(result))
     text = capture.get()
     assert "[b]law[/b]" in text
     assert "[2.00, 2.00]" in text
@@ -411,7 +420,7 @@ def test_terminal_table_shows_brackets_as_they_are() -> None:
 def test_degradation_has_a_column_a_suite() -> None:
     robust = suite(level("p", "law", 2.0), level("ppo", "learned", 1.0))
     heavy = suite(level("p", "law", 8.0), record("bound", "bound", [[0.5e-3]]), name="heavy")
-    text = report.degradation_table([robust, heavy])
+    text = tables.degradation_table([robust, heavy])
     assert cells(text) == [
         ["policy", "robust", "heavy"],
         ["bound", "-", "0.500 \\*"],
@@ -425,11 +434,11 @@ def test_degradation_has_a_column_a_suite() -> None:
 
 
 def verdicts(result: SuiteResult) -> list[str]:
-    return [target.verdict for target in report.targets(result)]
+    return [target.verdict for target in targets.targets(result)]
 
 
 def test_all_targets_of_robust_are_met_and_state_their_numbers() -> None:
-    found = report.targets(field(learned=0.9))
+    found = targets.targets(field(learned=0.9))
     assert [target.verdict for target in found] == ["met"] * 6
     first, second, third, fourth, fifth, _ = (target.text for target in found)
     assert "0.300 [0.300, 0.300] times tuned" in first and "at most 0.333" in first
@@ -495,7 +504,7 @@ def test_a_ratio_whose_interval_holds_the_target_cannot_be_told_apart() -> None:
     tip = np.array([0.2, 0.4, 0.2, 0.4, 0.2, 0.4, 0.2, 0.4]) * 1e-3
     result = suite(record("ppo", "learned", [tip]), level("tuned", "tuned law", 0.9))
     low, high = multiple(*result.records, "tip_error_rms").ci95
-    assert low < report.SHARE < high
+    assert low < targets.SHARE < high
     assert verdicts(result)[0] == "cannot be told apart"
 
 
@@ -507,14 +516,14 @@ def test_best_learned_policy_is_the_one_of_all_its_seeds() -> None:
         level("steady", "learned", 0.9, seeds=3), record("lucky", "learned", lucky),
         level("tuned", "tuned law", 3.0), level("bound", "bound", 0.5),
     )  # fmt: skip
-    assert "steady" in report.targets(result)[0].text
+    assert "steady" in targets.targets(result)[0].text
 
 
 def test_best_policy_follows_the_direction_of_the_metric() -> None:
     result = suite(level("a", "law", 2.0, settled=1.0), level("b", "law", 1.0, settled=0.5))
-    chosen = [report.best(result, "law", name=name) for name in ("tip_error_rms", "settled")]
+    chosen = [ranking.best(result, "law", name=name) for name in ("tip_error_rms", "settled")]
     assert [found.policy for found in chosen if found is not None] == ["b", "a"]
-    assert report.best(result, "learned") is None
+    assert ranking.best(result, "learned") is None
 
 
 def test_without_somebody_to_compare_with_nothing_is_told() -> None:
@@ -527,31 +536,31 @@ def test_targets_of_thesis_are_about_every_headline_metric_and_the_best_law_in_i
         level("linear", "law", 6.0, wheel_effort=1.0), level("tuned", "tuned law", 3.0),
     )  # fmt: skip
     learned = level("ppo", "learned", 2.0, seeds=2, wheel_effort=2.0)
-    found = report.targets(suite(*laws, learned, name="thesis"))
+    found = targets.targets(suite(*laws, learned, name="thesis"))
     assert [target.verdict for target in found] == ["met"] * 5 + ["missed"]
     assert "ppo (2.00 [2.00, 2.00] s) minus linear (1.00 [1.00, 1.00] s), in pairs, is +1.00" in (
         found[-1].text
     )
-    assert report.targets(suite(*laws, learned, name="heavy")) == []
+    assert targets.targets(suite(*laws, learned, name="heavy")) == []
 
 
 def test_every_report_judges_thesis_on_the_episodes_with_the_exact_mass(tmp_path: Path) -> None:
     """Of each three episodes the first has the exact mass: there the policy is better."""
     tip = np.where(np.arange(8) % 3 == 0, 1e-3, 1.0)
     result = suite(record("ppo", "learned", [tip]), level("tuned", "tuned law", 3.0), name="thesis")
-    assert report.judged_part(result).records[0].episodes.tolist() == [0, 3, 6]
-    first = report.targets(result)[0]
+    assert targets.judged_part(result).records[0].episodes.tolist() == [0, 3, 6]
+    first = targets.targets(result)[0]
     assert first.verdict == "met" and "on 3 episodes with the exact mass" in first.text
-    page = report.write_page([result], tmp_path / "page.html", {}).read_text(encoding="utf-8")
-    text = html.unescape(page)
-    for target in report.targets(result):
+    written = page.write_page([result], tmp_path / "page.html", {}).read_text(encoding="utf-8")
+    text = html.unescape(written)
+    for target in targets.targets(result):
         assert f">{target.verdict}</span> {target.text}" in text
-        assert f": `thesis`: {target.text}" in run.targets_text([result])
+        assert f": `thesis`: {target.text}" in documents.targets_text([result])
 
 
 def test_restricted_result_drops_who_flew_none_of_the_episodes() -> None:
     result = suite(level("p", "law", 2.0), record("bound", "bound", [[1.0]]))
-    kept = report.restricted_result(result, [3, 4])
+    kept = ranking.restricted_result(result, [3, 4])
     assert [(found.policy, found.episodes.tolist()) for found in kept.records] == [("p", [3, 4])]
 
 
@@ -572,19 +581,19 @@ def test_figures_are_drawn_even_of_diverged_and_missing_policies(tmp_path: Path)
     bands = {"law": estimate_of(result.records[1], "tip_error_rms")}
     curves = {"PPO": [curve([0.1, 0.01, 0.005]), curve([math.inf, 0.02])]}
     files = [
-        report.plot_suite(result, tmp_path / "suite.png"),
-        report.plot_profiles(result, tmp_path / "profiles.png"),
-        report.plot_degradation([result, other], tmp_path / "degradation.png"),
-        report.plot_curves(curves, bands, tmp_path / "curves.png"),
+        plots.plot_suite(result, tmp_path / "suite.png"),
+        plots.plot_profiles(result, tmp_path / "profiles.png"),
+        plots.plot_degradation([result, other], tmp_path / "degradation.png"),
+        plots.plot_curves(curves, bands, tmp_path / "curves.png"),
     ]
     assert [file.read_bytes()[:8] for file in files] == [PNG] * 4
     with pytest.raises(ExistingResultError):
-        report.plot_suite(result, tmp_path / "suite.png")
+        plots.plot_suite(result, tmp_path / "suite.png")
 
 
 def test_thick_line_is_the_middle_of_the_seeds_where_all_were_evaluated() -> None:
     runs = [curve([4.0, 2.0, 1.0]), curve([8.0, 4.0]), curve([math.inf, 6.0, 0.5])]
-    places, middle = report._between_seeds(runs, 0)
+    places, middle = plots._between_seeds(runs, 0)
     assert places.tolist() == [0.0, 1e5]
     # Of three values none is cut: the diverged evaluation leaves a gap.
     assert math.isnan(middle[0])
@@ -593,7 +602,7 @@ def test_thick_line_is_the_middle_of_the_seeds_where_all_were_evaluated() -> Non
 
 def test_curves_of_another_shape_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"'PPO' has shape \(3, 2\)"):
-        report.plot_curves({"PPO": [np.ones((3, 2))]}, {}, tmp_path / "curves.png")
+        plots.plot_curves({"PPO": [np.ones((3, 2))]}, {}, tmp_path / "curves.png")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -630,23 +639,23 @@ def test_page_is_well_formed_escaped_and_needs_no_other_file(tmp_path: Path) -> 
         level("ppo", "learned", 1.0, title="<b>PPO</b> & co"), level("tuned", "tuned law", 3.0)
     )
     heavy = suite(level("tuned", "tuned law", 9.0), name="heavy")
-    path = report.write_page([result, heavy], tmp_path / "page.html", {"a <i>figure</i>": picture})
-    page = Page()
-    page.feed(path.read_text(encoding="utf-8"))
-    page.close()
-    assert page.open == []
-    assert not {"b", "i"} & set(page.tags)
-    assert "<b>PPO</b> & co" in page.text and "a <i>figure</i>" in page.text
-    assert page.sources == ["data:image/png;base64,iVBORw0KGgo="]
+    path = page.write_page([result, heavy], tmp_path / "page.html", {"a <i>figure</i>": picture})
+    reader = Page()
+    reader.feed(path.read_text(encoding="utf-8"))
+    reader.close()
+    assert reader.open == []
+    assert not {"b", "i"} & set(reader.tags)
+    assert "<b>PPO</b> & co" in reader.text and "a <i>figure</i>" in reader.text
+    assert reader.sources == ["data:image/png;base64,iVBORw0KGgo="]
     # two suites and what happens from one to the other
-    assert page.tags.count("table") == 3
-    assert "1.00 [1.00, 1.00]" in page.text
-    assert "cannot be told apart" in page.text and "missed" in page.text
+    assert reader.tags.count("table") == 3
+    assert "1.00 [1.00, 1.00]" in reader.text
+    assert "cannot be told apart" in reader.text and "missed" in reader.text
 
 
 def test_page_without_its_figure_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match=r"gone\.png cannot be read"):
-        report.write_page([field()], tmp_path / "page.html", {"x": tmp_path / "gone.png"})
+        page.write_page([field()], tmp_path / "page.html", {"x": tmp_path / "gone.png"})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -654,7 +663,7 @@ def test_injection_replaces_what_is_between_the_markers_only(tmp_path: Path) -> 
     path = tmp_path / "README.md"
     path.write_text("a\n<!-- benchmark:x -->\nold\n<!-- /benchmark:x -->\nb\n")
     for _ in range(2):
-        report.inject(path, "x", "\nnew \\1\n")
+        documents.inject(path, "x", "\nnew \\1\n")
         assert path.read_text() == ("a\n<!-- benchmark:x -->\nnew \\1\n<!-- /benchmark:x -->\nb\n")
 
 
@@ -672,10 +681,10 @@ def test_injection_refuses_missing_or_damaged_markers(tmp_path: Path, text: str)
     path = tmp_path / "README.md"
     path.write_text(text)
     with pytest.raises(BaselineError, match="expected '<!-- benchmark:x -->'"):
-        report.inject(path, "x", "new")
+        documents.inject(path, "x", "new")
     assert path.read_text() == text
 
 
 def test_injection_into_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match="cannot be read"):
-        report.inject(tmp_path / "README.md", "x", "new")
+        documents.inject(tmp_path / "README.md", "x", "new")

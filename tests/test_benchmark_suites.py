@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import drm_env
-from drm_baselines.benchmark import suites
+from drm_baselines import suites
 from drm_baselines.errors import BaselineError
-from drm_baselines.evaluation import TRAINING_SEED
+from drm_baselines.support.seeds import TRAINING_SEED
 
 FILES = ("thesis", "robust", "heavy", "rough")
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_generator_makes_the_frozen_file(name: str) -> None:
-    frozen = (resources.files("drm_baselines.benchmark") / "data" / f"{name}.csv").read_text(
+    frozen = (resources.files("drm_baselines.suites") / "data" / f"{name}.csv").read_text(
         encoding="utf-8"
     )
     assert suites.text_of(suites.generate(name)) == frozen

@@ -17,13 +17,17 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from drm_baselines import figures, plots, policies, policy_names
-from drm_baselines.benchmark import field
-from drm_baselines.benchmark import report as benchmark_report
-from drm_baselines.benchmark.results import Record, SuiteResult
-from drm_baselines.policy_names import POLICIES, styles
-from drm_baselines.records import Episodes
-from drm_baselines.statistics import Estimate
+from drm_baselines.benchmark import competitors as competing
+from drm_baselines.benchmark.records import Record, SuiteResult
+from drm_baselines.benchmark.report import plots as benchmark_plots
+from drm_baselines.benchmark.report import tables
+from drm_baselines.evaluation import plots
+from drm_baselines.evaluation.records import Episodes
+from drm_baselines.evaluation.statistics import Estimate
+from drm_baselines.policies import gains, registry
+from drm_baselines.policies.names import POLICIES, styles, title_of
+from drm_baselines.support import figures
+from drm_baselines.support.palette import OKABE_ITO
 
 
 def test_no_module_of_the_package_switches_the_backend() -> None:
@@ -45,7 +49,7 @@ def test_no_module_of_the_package_switches_the_backend() -> None:
 
 def test_no_module_of_the_package_uses_pyplot() -> None:
     """Pyplot keeps every figure until it is closed, and chooses a backend when it makes one."""
-    root = Path(figures.__file__).parent
+    root = Path(figures.__file__).parents[1]
     users = [
         path.name
         for path in root.rglob("*.py")
@@ -83,7 +87,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         return path
 
     monkeypatch.setattr(plots, "save_figure", keep)
-    monkeypatch.setattr(benchmark_report, "save_figure", keep)
+    monkeypatch.setattr(benchmark_plots, "save_figure", keep)
     return kept
 
 
@@ -100,7 +104,7 @@ def record(policy: str, kind: str, tip: Any, episodes: Any = None) -> Record:
     values = np.atleast_2d(np.asarray(tip, dtype=np.float64))
     places = np.arange(values.shape[1]) if episodes is None else np.asarray(episodes)
     return Record(
-        policy=policy, title=policy_names.title_of(policy), kind=kind, knows="reported",
+        policy=policy, title=title_of(policy), kind=kind, knows="reported",
         control_period=0.002, seeds=[0], episodes=places.astype(np.int64),
         strata=["a"] * values.shape[1], metrics={"tip_error_rms": values},
     )  # fmt: skip
@@ -142,9 +146,9 @@ def test_a_policy_has_one_colour_and_line_in_every_picture(drawn: list[Figure]) 
             record("linear", "law", [[1.0] * 4]),
         ],
     )  # fmt: skip
-    benchmark_report.plot_profiles(result, nowhere)
-    found = benchmark_report.estimate_of(result.records[1], "tip_error_rms")
-    benchmark_report.plot_curves({}, {lyapunov: found, linear: found}, nowhere)
+    benchmark_plots.plot_profiles(result, nowhere)
+    found = tables.estimate_of(result.records[1], "tip_error_rms")
+    benchmark_plots.plot_curves({}, {lyapunov: found, linear: found}, nowhere)
     assert len(drawn) == 5
     for figure in drawn:
         shown = looks(figure.axes[0])
@@ -159,7 +163,7 @@ def test_no_two_policies_look_alike() -> None:
     assert len(set(markers)) == len(markers)
     titles = [entry.title for entry in POLICIES.values()]
     assert len(set(titles)) == len(titles)
-    known = set(policy_names.OKABE_ITO.values())
+    known = set(OKABE_ITO.values())
     assert {entry.colour for entry in POLICIES.values()} <= known
 
 
@@ -180,11 +184,11 @@ def test_a_run_looks_the_same_beside_whatever_is_drawn() -> None:
 
 
 def test_commands_know_policies_by_the_names_of_the_pictures() -> None:
-    from drm_baselines.comparison import contestant_of_law
+    from drm_baselines.evaluation.contestants import contestant_of_law
 
-    for name in (*policies.LAWS, *policies.TUNED):
+    for name in (*registry.LAWS, *gains.TUNED):
         assert contestant_of_law(name).label == POLICIES[name].title
-    for competitor in field.competitors():
+    for competitor in competing.competitors():
         assert competitor.title == POLICIES[competitor.policy].title
 
 
@@ -192,7 +196,7 @@ def test_learning_curves_are_logarithmic_in_steps_time_and_error(drawn: list[Fig
     nowhere = Path("nowhere.png")
     plots.plot_learning_curve(curve(), {}, nowhere, title="")
     run = np.column_stack([[0.0, 1e5, 1e7], [0.0, 1.0, 600.0], [0.5, 0.1, 0.001]])
-    benchmark_report.plot_curves({"PPO end to end": [run]}, {}, nowhere)
+    benchmark_plots.plot_curves({"PPO end to end": [run]}, {}, nowhere)
     for figure in drawn:
         for axis in figure.axes:
             assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
@@ -204,7 +208,7 @@ def test_no_lines_join_suites_that_have_no_order(drawn: list[Figure]) -> None:
         SuiteResult(suite=name, title="", records=[record("linear", "law", [[1.0, 2.0]])])
         for name in ("robust", "heavy", "rough")
     ]
-    benchmark_report.plot_degradation(results, Path("nowhere.png"))
+    benchmark_plots.plot_degradation(results, Path("nowhere.png"))
     lines = [line for line in drawn[0].axes[0].lines if len(np.atleast_1d(line.get_xdata())) == 3]
     assert lines
     assert {line.get_linestyle() for line in lines} == {"None"}
@@ -218,9 +222,9 @@ def test_a_policy_on_fewer_episodes_is_marked_and_held_against_the_bound_on_thes
     few = record("receding", "controller", [[2e-4, 2e-4]], episodes=[0, 4])
     law = record("linear", "law", [[1e-2] * 8])
     result = SuiteResult(suite="robust", title="", records=[bound, few, law])
-    benchmark_report.plot_suite(result, Path("nowhere.png"))
-    benchmark_report.plot_profiles(result, Path("nowhere.png"))
-    benchmark_report.plot_degradation([result], Path("nowhere.png"))
+    benchmark_plots.plot_suite(result, Path("nowhere.png"))
+    benchmark_plots.plot_profiles(result, Path("nowhere.png"))
+    benchmark_plots.plot_degradation([result], Path("nowhere.png"))
     axis = drawn[0].axes[0]
     names = [label.get_text() for label in axis.get_yticklabels()]
     assert [("2 of 8 episodes" in name) for name in names] == [False, False, True]

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines.network import Perceptron
+from drm_baselines.policies.perceptron import Perceptron
 
 TORQUES = ("root_torque", "tip_torque")
 SIGNALS = (*TORQUES, "slew_angle", "tip_deflection", "alpha", "beta_rate", "motor_power")

@@ -10,23 +10,20 @@ import numpy as np
 import pytest
 
 import drm_env
-from drm_baselines.benchmark.field import shipped_runs
-from drm_baselines.benchmark.programme import (
-    linear_feedback,
-    torque_limits,
-)
-from drm_baselines.benchmark.suites import STRATA
+from drm_baselines.benchmark.competitors import shipped_runs
 from drm_baselines.errors import BaselineError, ExistingResultError, RunError
 from drm_baselines.imitation import teacher
-from drm_baselines.network import load_policy
+from drm_baselines.optimal_control.quadratic_program import linear_feedback, torque_limits
+from drm_baselines.policies.policy_file import load_policy
+from drm_baselines.suites import STRATA
 
 pytest.importorskip("torch")
-from drm_baselines.imitation import dagger, refining, sensitivity
-from drm_baselines.imitation.flights import Flight
+from drm_baselines.imitation import analytic_gradient, dagger, plant_jacobian
+from drm_baselines.imitation.teacher_rollout import Flight
 
 TEACHING = teacher.Teaching(scenarios=8)
-REFINEMENT = refining.Refinement(manoeuvres=8, steps=2, batch=4, tail=1.0, rest_delay=0.5)
-SETTLING = refining.settling(manoeuvres=8, steps=2, batch=4, tail=1.0, rest_delay=0.5)
+REFINEMENT = analytic_gradient.Refinement(manoeuvres=8, steps=2, batch=4, tail=1.0, rest_delay=0.5)
+SETTLING = analytic_gradient.settling(manoeuvres=8, steps=2, batch=4, tail=1.0, rest_delay=0.5)
 STUDY = dagger.Study(
     rounds=2, kept=0.02, epochs=1, last_epochs=1, batch_size=64, layers=(16,),
     teaching=TEACHING, refinement=REFINEMENT, settling=SETTLING,
@@ -97,14 +94,14 @@ def test_plans_are_kept_and_read_back(plans: list[teacher.Plans], tmp_path: Path
 
 
 @pytest.fixture(scope="module")
-def intervals(tmp_path_factory: pytest.TempPathFactory) -> sensitivity.Intervals:
+def intervals(tmp_path_factory: pytest.TempPathFactory) -> plant_jacobian.Intervals:
     path = tmp_path_factory.mktemp("imitation") / "intervals.npz"
-    return sensitivity.prepare(path, TEACHING, REFINEMENT.manoeuvres, REFINEMENT.tail)
+    return plant_jacobian.prepare(path, TEACHING, REFINEMENT.manoeuvres, REFINEMENT.tail)
 
 
 @pytest.fixture(scope="module")
 def run(
-    plans: list[teacher.Plans], intervals: sensitivity.Intervals,
+    plans: list[teacher.Plans], intervals: plant_jacobian.Intervals,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:  # fmt: skip
     """Return a whole run."""
@@ -112,7 +109,7 @@ def run(
 
 
 def test_student_is_saved_and_repeatable(
-    plans: list[teacher.Plans], intervals: sensitivity.Intervals, run: Path, tmp_path: Path
+    plans: list[teacher.Plans], intervals: plant_jacobian.Intervals, run: Path, tmp_path: Path
 ) -> None:
     told: list[tuple[str, int, bool]] = []
     second = dagger.imitate(
@@ -144,7 +141,7 @@ def test_student_is_saved_and_repeatable(
 
 
 def test_settling_begins_with_a_policy_as_a_whole_run_goes_on(
-    plans: list[teacher.Plans], intervals: sensitivity.Intervals, run: Path, tmp_path: Path
+    plans: list[teacher.Plans], intervals: plant_jacobian.Intervals, run: Path, tmp_path: Path
 ) -> None:
     """In two sittings or in one: the same weights, counts and curve."""
     refined = replace(STUDY, settling=replace(SETTLING, steps=0))
@@ -167,7 +164,7 @@ def test_settling_begins_with_a_policy_as_a_whole_run_goes_on(
 
 
 def test_a_policy_that_is_no_student_is_refused(
-    intervals: sensitivity.Intervals, run: Path, tmp_path: Path
+    intervals: plant_jacobian.Intervals, run: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(BaselineError, match=r"settling\.steps must be 0, got 2"):
         dagger.imitate(tmp_path / "out", STUDY, [], intervals, start=run)

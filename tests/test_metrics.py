@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import drm_env
 from drm_baselines.cli import app
-from drm_baselines.metrics import METRICS
+from drm_baselines.evaluation.metrics import METRICS
 from drm_env import _engine
 
 REACH = 7.0

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines import PolicyError, PolicyWarning, make_policy
-from drm_baselines.comparison import fly_trajectory
-from drm_baselines.evaluation import environment_config, fly_law, fly_policy
-from drm_baselines.policies import config_of, law_data
+from drm_baselines.evaluation.contestants import fly_trajectory
+from drm_baselines.evaluation.environments import environment_config
+from drm_baselines.evaluation.episodes import fly_law, fly_policy
+from drm_baselines.policies.registry import config_of, law_data
 
 ID, THESIS = "drm_env/Slew-v0", "drm_env/SlewThesis-v0"
 OWN: dict[str, Any] = {"control_period": 0.002}

@@ -11,11 +11,18 @@ import numpy as np
 import pytest
 
 import drm_env
-from drm_baselines.benchmark import bound, suites
-from drm_baselines.benchmark.field import BOUND_EPISODES, RECEDING_EPISODES, competitors
-from drm_baselines.benchmark.receding import Controller, Receding, fly_all, fly_one, told
-from drm_baselines.benchmark.run import fingerprint
+from drm_baselines import suites
+from drm_baselines.benchmark.competitors import BOUND_EPISODES, RECEDING_EPISODES, competitors
+from drm_baselines.benchmark.runner import fingerprint
 from drm_baselines.errors import BaselineError
+from drm_baselines.optimal_control import lower_bound
+from drm_baselines.optimal_control.mpc import (
+    Controller,
+    Receding,
+    fly_all,
+    fly_one,
+    told,
+)
 
 SETTINGS = Receding()
 ROBUST = suites.load("robust").scenarios
@@ -47,13 +54,13 @@ def flown(scenario: Mapping[str, Any], decisions: int) -> tuple[Controller, np.n
 
 def test_possible_manoeuvre_with_exact_mass_is_near_the_bound() -> None:
     scenario = {"payload": {"mass": 200.0}, "slew": {"smoothing": 0.1}}
-    best = bound.bound_of(scenario).flown
+    best = lower_bound.bound_of(scenario).flown
     assert fly_one(scenario)["tip_error_rms"] < 5.0 * best + 2e-6
 
 
 def test_saturated_manoeuvre_with_wrong_mass_is_near_the_bound() -> None:
     index = 0
-    best = bound.bound_of(ROBUST[index]).flown
+    best = lower_bound.bound_of(ROBUST[index]).flown
     assert best > 1e-3
     assert best < fly_one(ROBUST[index])["tip_error_rms"] < 1.2 * best
 

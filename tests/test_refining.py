@@ -9,19 +9,19 @@ import pytest
 from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines.benchmark.programme import linear_feedback, torque_limits
 from drm_baselines.errors import BaselineError, RunError
-from drm_baselines.imitation.sensing import SEEN, Sensing
+from drm_baselines.imitation.observation_jacobian import SEEN, Sensing
 from drm_baselines.imitation.teacher import Teaching
+from drm_baselines.optimal_control.quadratic_program import linear_feedback, torque_limits
 
 pytest.importorskip("torch")
 import torch
 
-from drm_baselines.imitation import refining, sensitivity
+from drm_baselines.imitation import analytic_gradient, plant_jacobian
 from drm_baselines.imitation.student import Student
 
 TEACHING = Teaching(scenarios=8)
-SETTINGS = refining.Refinement(manoeuvres=8, steps=4, batch=4, tail=30.0, rest_delay=0.0)
+SETTINGS = analytic_gradient.Refinement(manoeuvres=8, steps=4, batch=4, tail=30.0, rest_delay=0.0)
 LOSS = (SETTINGS.scale, SETTINGS.floor, SETTINGS.largest)
 HORIZON = 1500  # decisions
 LINK1 = drm_env.default_config().scenario.arm.link1.length
@@ -29,9 +29,9 @@ SIGNALS = ("time", "slew_angle", "reference_angle", "extension", "tip_deflection
 
 
 @pytest.fixture(scope="module")
-def intervals(tmp_path_factory: pytest.TempPathFactory) -> sensitivity.Intervals:
+def intervals(tmp_path_factory: pytest.TempPathFactory) -> plant_jacobian.Intervals:
     path = tmp_path_factory.mktemp("refining") / "intervals.npz"
-    return sensitivity.prepare(path, TEACHING, SETTINGS.manoeuvres, SETTINGS.tail)
+    return plant_jacobian.prepare(path, TEACHING, SETTINGS.manoeuvres, SETTINGS.tail)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_observations_depend_on_the_arm_as_the_sensing_says() -> None:
 
 
 def test_unlimited_interval_is_the_same_known_beforehand_and_followed(
-    intervals: sensitivity.Intervals, limits: torch.Tensor
+    intervals: plant_jacobian.Intervals, limits: torch.Tensor
 ) -> None:
     """Far from the limits the matrices of the middle stand for those of all samples."""
     some = intervals.of(np.array([0]))
@@ -109,13 +109,13 @@ def test_unlimited_interval_is_the_same_known_beforehand_and_followed(
     actions = torch.from_numpy((1e-3 * rng.normal(size=(count, 2))).astype(np.float32))
     quiet = np.abs(some.drift).max(axis=(1, 2)) == 0.0
     assert quiet.any()
-    known = sensitivity.derivatives(some, states, actions, TEACHING, limits)
+    known = plant_jacobian.derivatives(some, states, actions, TEACHING, limits)
     parts = [torch.from_numpy(part) for part in (some.transition, some.given, some.drift)]
     seen = [
         torch.from_numpy(part) for part in (some.error_state, some.error_input, some.error_drift)
     ]
     feedback = torch.from_numpy(linear_feedback(TEACHING.inner_law).astype(np.float32))
-    onward, cost, squared = sensitivity._followed(
+    onward, cost, squared = plant_jacobian._followed(
         parts, seen, states, actions * TEACHING.wheel_scale * limits, feedback, limits,
         TEACHING.wheel_scale,
     )  # fmt: skip
@@ -125,7 +125,7 @@ def test_unlimited_interval_is_the_same_known_beforehand_and_followed(
 
 
 def test_limited_interval_has_the_derivatives_of_its_differences(
-    intervals: sensitivity.Intervals, limits: torch.Tensor
+    intervals: plant_jacobian.Intervals, limits: torch.Tensor
 ) -> None:
     """Central differences of the followed interval, in double precision, wheels at their limits."""
     some = intervals.of(np.array([2]))
@@ -147,7 +147,7 @@ def test_limited_interval_has_the_derivatives_of_its_differences(
 
         def followed(s: torch.Tensor, a: torch.Tensor) -> tuple[torch.Tensor, ...]:
             torques = a * TEACHING.wheel_scale * double
-            return sensitivity._followed(
+            return plant_jacobian._followed(
                 parts, seen, s, torques, feedback, double, TEACHING.wheel_scale
             )
 
@@ -171,10 +171,10 @@ def test_limited_interval_has_the_derivatives_of_its_differences(
 
 
 def test_squared_errors_and_gradient_are_the_engines(
-    intervals: sensitivity.Intervals, limits: torch.Tensor, seeds: NDArray[np.int64]
+    intervals: plant_jacobian.Intervals, limits: torch.Tensor, seeds: NDArray[np.int64]
 ) -> None:
     """Derivative along a direction of the weights against differences of flown tip errors."""
-    fleet = refining.Fleet(TEACHING, len(seeds))
+    fleet = analytic_gradient.Fleet(TEACHING, len(seeds))
     student = gentle_student(fleet.sensing.entries)
     torch.manual_seed(5)
     direction = [torch.randn_like(p) * p.detach().abs().mean() for p in student.parameters()]
@@ -204,8 +204,8 @@ def test_squared_errors_and_gradient_are_the_engines(
 
     try:
         flown = fleet.fly(student.perceptron(), [int(s) for s in seeds], intervals.counts)
-        answers = refining.Answers(student, flown.observations)
-        goals = refining.gradient(
+        answers = analytic_gradient.Answers(student, flown.observations)
+        goals = analytic_gradient.gradient(
             answers, flown, intervals, TEACHING, fleet.sensing, limits, HORIZON
         )
     finally:
@@ -239,17 +239,17 @@ def test_squared_errors_and_gradient_are_the_engines(
 def test_weights_are_the_slope_of_the_loss_and_capped() -> None:
     squared = np.array([1e-8, 1e-6, 1e-5, 1e-3, 1e-1])
     small = np.full(5, 1e-12)
-    loss, weight = refining.weights(squared, small, *LOSS)
+    loss, weight = analytic_gradient.weights(squared, small, *LOSS)
     step = 1e-4 * squared
     above, below = (
-        refining.weights(squared + sign * step, small, *LOSS)[0] for sign in (1.0, -1.0)
+        analytic_gradient.weights(squared + sign * step, small, *LOSS)[0] for sign in (1.0, -1.0)
     )
     np.testing.assert_allclose(weight, (above - below) / (2.0 * step), rtol=1e-4)
     assert (np.diff(loss) > 0).all()
     assert (loss < 1).all()
     # the relative change of a manoeuvre's error never counts for more than the largest
     for lengths in (np.full(5, 1.0), np.full(5, np.inf)):
-        _, capped = refining.weights(squared, lengths, *LOSS)
+        _, capped = analytic_gradient.weights(squared, lengths, *LOSS)
         assert np.isfinite(capped).all()
         finite = np.where(np.isfinite(lengths), lengths, 0.0)
         assert (capped * finite <= SETTINGS.largest + 1e-9).all()
@@ -257,17 +257,17 @@ def test_weights_are_the_slope_of_the_loss_and_capped() -> None:
 
 @pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_refinement_makes_a_student_better_and_is_repeatable(
-    intervals: sensitivity.Intervals, rest: float
+    intervals: plant_jacobian.Intervals, rest: float
 ) -> None:
     found = []
     for _ in range(2):
         student = gentle_student(Sensing(TEACHING.config(0)).entries)
         rng = np.random.default_rng(0)
-        settings = refining.Refinement(
+        settings = analytic_gradient.Refinement(
             manoeuvres=8, steps=20, batch=8, tail=SETTINGS.tail, learning_rate=3e-3, warm_up=1,
             rest=rest,
         )  # fmt: skip
-        told = list(refining.refine(student, intervals, TEACHING, settings, rng))
+        told = list(analytic_gradient.refine(student, intervals, TEACHING, settings, rng))
         found.append((told, student.perceptron().weights))
     (first, weights), (second, again) = found
     assert [step for step, _, _ in first] == list(range(1, 21))
@@ -283,30 +283,36 @@ def test_refinement_makes_a_student_better_and_is_repeatable(
 @pytest.mark.parametrize("value", [0, 6])
 def test_settings_that_no_strata_can_share_are_refused(name: str, value: int) -> None:
     with pytest.raises(BaselineError, match=f"{name} must be a multiple of 4, got {value}"):
-        refining.Refinement(**{name: value})
+        analytic_gradient.Refinement(**{name: value})
 
 
 @pytest.mark.parametrize("delay", [-0.1, 4.0, float("nan")])
 def test_rest_that_begins_after_the_flight_is_refused(delay: float) -> None:
     with pytest.raises(BaselineError, match=rf"rest_delay .* tail \(4\.0\), got {delay}"):
-        refining.settling(rest_delay=delay)
+        analytic_gradient.settling(rest_delay=delay)
 
 
 def test_manoeuvres_are_drawn_once_before_any_is_drawn_again() -> None:
-    deck = refining._Deck(10, np.random.default_rng(4))
+    deck = analytic_gradient._Deck(10, np.random.default_rng(4))
     drawn = np.concatenate([deck.draw(5), deck.draw(5)])
     assert sorted(drawn.tolist()) == list(range(10))
     assert sorted(deck.draw(10).tolist()) == list(range(10))
     assert len(deck.draw(25)) == 25
 
 
-def test_intervals_are_kept_and_read_back(intervals: sensitivity.Intervals, tmp_path: Path) -> None:
+def test_intervals_are_kept_and_read_back(
+    intervals: plant_jacobian.Intervals, tmp_path: Path
+) -> None:
     path = tmp_path / "intervals.npz"
     told: list[int] = []
-    made = sensitivity.prepare(path, TEACHING, 4, 1.0, progress=lambda done, _: told.append(done))
+    made = plant_jacobian.prepare(
+        path, TEACHING, 4, 1.0, progress=lambda done, _: told.append(done)
+    )
     assert told[-1] == 4
     told.clear()
-    again = sensitivity.prepare(path, TEACHING, 4, 1.0, progress=lambda done, _: told.append(done))
+    again = plant_jacobian.prepare(
+        path, TEACHING, 4, 1.0, progress=lambda done, _: told.append(done)
+    )
     assert not told
     for name in ("counts", "onward", "errors"):
         np.testing.assert_array_equal(getattr(made, name), getattr(again, name))
@@ -317,4 +323,4 @@ def test_intervals_are_kept_and_read_back(intervals: sensitivity.Intervals, tmp_
     )
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(RunError, match=r"intervals\.npz"):
-        sensitivity.prepare(path, TEACHING, 4, 1.0)
+        plant_jacobian.prepare(path, TEACHING, 4, 1.0)

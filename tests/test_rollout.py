@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 import drm_env
-from drm_baselines.evaluation import environment_config, fly_policy
-from drm_baselines.network import NetworkPolicy, Perceptron
+from drm_baselines.evaluation.environments import environment_config
+from drm_baselines.evaluation.episodes import fly_policy
+from drm_baselines.policies.perceptron import NetworkPolicy, Perceptron
 
 SHORT: dict[str, Any] = {"horizon": 3.0, "slew_max_accel": 0.4}
 SIGNALS = ("time", "tip_deflection", "slew_torque", "motor_power")

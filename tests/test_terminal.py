@@ -20,12 +20,18 @@ from typer.models import OptionInfo
 from typer.testing import CliRunner, Result
 
 import drm_baselines
-from drm_baselines import memory
 from drm_baselines.cli import app, terminal
 from drm_baselines.cli.common import ending_well, parse_value
 from drm_baselines.errors import BaselineError, missing_extra
-from drm_baselines.interruption import Stopped, exit_code, stop_on_signal
-from drm_baselines.reading import MAX_DIGITS, MAX_NESTING, parse_json, parse_toml, read_table
+from drm_baselines.support import memory
+from drm_baselines.support.interruption import Stopped, exit_code, stop_on_signal
+from drm_baselines.support.reading import (
+    MAX_DIGITS,
+    MAX_NESTING,
+    parse_json,
+    parse_toml,
+    read_table,
+)
 
 COMMANDS: dict[str, Any] = {
     command.callback.__name__: command.callback
@@ -125,8 +131,8 @@ def test_json_is_a_flag_in_every_command() -> None:
 def test_the_file_after_json_is_still_written_with_a_warning(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from drm_baselines.bench import sections
-    from drm_baselines.bench.results import Section
+    from drm_baselines.speed import sections
+    from drm_baselines.speed.results import Section
 
     def run(name: str, bench: object) -> Section:
         return Section(name=name, title="", rows=[], notes=[])
@@ -171,7 +177,7 @@ def test_only_the_terminal_module_makes_consoles_and_prints() -> None:
     """A second console does not know of the progress bar, and would take brackets for markup."""
     package = Path(drm_baselines.__file__).parent
     for path in package.rglob("*.py"):
-        if path in (package / "cli" / "terminal.py", package / "bench" / "memory_probe.py"):
+        if path in (package / "cli" / "terminal.py", package / "speed" / "memory_probe.py"):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
@@ -579,12 +585,12 @@ def test_results_go_to_any_path(tmp_path: Path, name: str) -> None:
 def test_a_place_that_cannot_be_written_is_refused_before_flying(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
-    from drm_baselines import comparison
+    from drm_baselines.evaluation import contestants
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("flown")
 
-    monkeypatch.setattr(comparison, "fly_all", never)
+    monkeypatch.setattr(contestants, "fly_all", never)
     (tmp_path / "file").write_text("")
     place = tmp_path / "file" / "x.csv"
     message = refuse("evaluate", "--policy", "none", option, place)

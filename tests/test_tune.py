@@ -18,13 +18,25 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import drm_env
-from drm_baselines import hyperparameters
-from drm_baselines.benchmark import regulator, suites, tuning
-from drm_baselines.benchmark.tuning import GAINS, LEARNING, LawRequest, tune_law
+from drm_baselines import suites
 from drm_baselines.cli import app
 from drm_baselines.errors import BaselineError, ExistingResultError
-from drm_baselines.evaluation import TRAINING_SEED
-from drm_baselines.statistics import interquartile_mean
+from drm_baselines.evaluation.statistics import interquartile_mean
+from drm_baselines.optimal_control import scheduled_lqr
+from drm_baselines.policies import gains
+from drm_baselines.rl import hyperparameters
+from drm_baselines.rl.hyperparameters import toml
+from drm_baselines.rl.request import Point
+from drm_baselines.support.seeds import TRAINING_SEED
+from drm_baselines.tuning import (
+    laws,
+    learners,
+    packaging,
+    space,
+    trials,
+)
+from drm_baselines.tuning.laws import LawRequest, tune_law
+from drm_baselines.tuning.space import GAINS, LEARNING, Dimension
 
 optuna = pytest.importorskip("optuna")
 
@@ -136,7 +148,7 @@ def test_an_interruption_keeps_what_is_there(tmp_path: Path, at: int) -> None:
         assert outcome.interrupted
         assert outcome.content["trials"]["count"] == at
         with pytest.raises(BaselineError, match="interrupted"):
-            tuning.package(outcome)
+            packaging.package(outcome)
     assert len(rows(tmp_path / "parts")) == at
     assert tune_law(tmp_path / "parts", request(trials=4)).found == at
     tune_law(tmp_path / "whole", request(trials=4))
@@ -150,9 +162,9 @@ def test_a_killed_process_costs_one_trial(
     class Killed(BaseException):
         pass
 
-    fly, flown = tuning.fly, 0
+    fly, flown = laws.fly, 0
 
-    def killing(law: Mapping[str, Any], scenarios: Any) -> tuning.Verdict:
+    def killing(law: Mapping[str, Any], scenarios: Any) -> trials.Verdict:
         nonlocal flown
         flown += 1
         if flown == (1 if first else 3):
@@ -160,7 +172,7 @@ def test_a_killed_process_costs_one_trial(
         return fly(law, scenarios)
 
     with monkeypatch.context() as patch:
-        patch.setattr(tuning, "fly", killing)
+        patch.setattr(laws, "fly", killing)
         # the process is gone before it can say that its trial failed
         patch.setattr(optuna.study.Study, "tell", _unless_failed(optuna.study.Study.tell))
         with pytest.raises(Killed):
@@ -201,7 +213,7 @@ def test_changed_settings_are_refused(tmp_path: Path, change: dict[str, Any], me
 def test_a_changed_space_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tune_law(tmp_path, request(trials=1))
     wider = dataclasses.replace(GAINS["linear"][0], high=1e6)
-    monkeypatch.setitem(tuning.GAINS, "linear", (wider, *GAINS["linear"][1:]))
+    monkeypatch.setitem(space.GAINS, "linear", (wider, *GAINS["linear"][1:]))
     with pytest.raises(BaselineError, match="in its space"):
         tune_law(tmp_path, request(trials=2))
 
@@ -230,7 +242,7 @@ def test_two_searches_do_not_share_a_directory(tmp_path: Path) -> None:
 def test_an_impossible_design_is_a_pruned_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scheduled, designs = regulator.scheduled_law, 0
+    scheduled, designs = scheduled_lqr.scheduled_law, 0
 
     def failing(weights: Mapping[str, float]) -> dict[str, Any]:
         nonlocal designs
@@ -239,7 +251,7 @@ def test_an_impossible_design_is_a_pruned_trial(
             raise BaselineError("no regulator for 50.0 kg")
         return scheduled(weights)
 
-    monkeypatch.setattr(regulator, "scheduled_law", failing)
+    monkeypatch.setattr(scheduled_lqr, "scheduled_law", failing)
     outcome = tune_law(tmp_path, request("lqr"))
     assert [row["state"] for row in rows(tmp_path)] == ["pruned", "complete", "pruned"]
     assert rows(tmp_path)[0]["reason"] == "no regulator for 50.0 kg"
@@ -250,7 +262,7 @@ def test_no_design_at_all_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.M
     def failing(weights: Mapping[str, float]) -> dict[str, Any]:
         raise BaselineError("no regulator for 50.0 kg")
 
-    monkeypatch.setattr(regulator, "scheduled_law", failing)
+    monkeypatch.setattr(scheduled_lqr, "scheduled_law", failing)
     with pytest.raises(BaselineError, match="no trial that flew: no regulator for 50"):
         tune_law(tmp_path, request("lqr"))
     assert len(rows(tmp_path)) == 3
@@ -264,14 +276,14 @@ def test_lost_manoeuvres_count_ten_metres(monkeypatch: pytest.MonkeyPatch) -> No
         "duration": np.full(4, 0.1),
     }
     monkeypatch.setattr(drm_env, "rollout", Mock(return_value=metrics))
-    verdict = tuning.fly({"name": "linear"}, scenarios)
+    verdict = laws.fly({"name": "linear"}, scenarios)
     assert verdict.value == 1e3 * interquartile_mean([0.1, 10.0, 10.0, 10.0])
     assert verdict.cost["diverged"] == 3
     assert verdict.cost["integrator_steps"] == 4 * 200
 
 
 def test_the_manoeuvres_are_those_of_training() -> None:
-    draw = tuning.training_scenarios("robust", 400)
+    draw = laws.training_scenarios("robust", 400)
     seeds = [
         seed
         for row in draw.strata
@@ -285,19 +297,19 @@ def test_the_manoeuvres_are_those_of_training() -> None:
     assert not masses & of_suite
     for number in (0, 2, 402):
         with pytest.raises(BaselineError, match="multiple of 4"):
-            tuning.training_scenarios("robust", number)
+            laws.training_scenarios("robust", number)
     with pytest.raises(BaselineError, match="lists its manoeuvres"):
-        tuning.training_scenarios("thesis", 4)
+        laws.training_scenarios("thesis", 4)
     with pytest.raises(BaselineError, match="no suite 'nonsense'"):
-        tuning.training_scenarios("nonsense", 4)
+        laws.training_scenarios("nonsense", 4)
 
 
 @pytest.mark.parametrize("law", GAINS)
 def test_packaged_gains_fly_better_than_the_first_trial(law: str) -> None:
-    content = tuning.load_gains(law)
+    content = gains.load_gains(law)
     objective = content["objective"]
     assert objective["first"] is None or objective["value"] < objective["first"]
-    assert tuning.law_of(law, content["parameters"]).keys() == content["law"].keys()
+    assert laws.law_of(law, content["parameters"]).keys() == content["law"].keys()
     assert flown_anew(content["law"]) < (flown_anew("linear") if law == "lqr" else flown_anew(law))
     assert "/" not in " ".join(content["provenance"]["command"])
 
@@ -305,26 +317,26 @@ def test_packaged_gains_fly_better_than_the_first_trial(law: str) -> None:
 def test_missing_gains_say_how_to_make_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "resources", Mock(files=Mock(return_value=tmp_path)))
+    monkeypatch.setattr(gains, "resources", Mock(files=Mock(return_value=tmp_path)))
     with pytest.raises(BaselineError, match="drm tune lqr --package makes them"):
-        tuning.load_gains("lqr")
+        gains.load_gains("lqr")
     (tmp_path / "gains").mkdir()
     (tmp_path / "gains" / "lqr.json").write_text("[]")
     with pytest.raises(BaselineError, match="not of format"):
-        tuning.load_gains("lqr")
+        gains.load_gains("lqr")
     (tmp_path / "gains" / "lqr.json").write_text("{")
     with pytest.raises(BaselineError, match="cannot be read"):
-        tuning.load_gains("lqr")
+        gains.load_gains("lqr")
     with pytest.raises(BaselineError, match="'pid' cannot be tuned"):
-        tuning.load_gains("pid")
+        gains.load_gains("pid")
 
 
 def test_packaging_makes_what_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tuning, "__file__", str(tmp_path / "tuning.py"))
+    monkeypatch.setattr(packaging, "resources", Mock(files=Mock(return_value=tmp_path)))
     result = tiny("linear", tmp_path / "out", "--package")
     assert result.exit_code == 0, result.output
-    monkeypatch.setattr(tuning, "resources", Mock(files=Mock(return_value=tmp_path)))
-    assert tuning.load_gains("linear") == json.loads((tmp_path / "out" / "gains.json").read_text())
+    monkeypatch.setattr(gains, "resources", Mock(files=Mock(return_value=tmp_path)))
+    assert gains.load_gains("linear") == json.loads((tmp_path / "out" / "gains.json").read_text())
 
 
 def test_the_command_tells_what_it_found(tmp_path: Path) -> None:
@@ -344,13 +356,13 @@ def test_the_command_tells_what_it_found(tmp_path: Path) -> None:
 def test_ctrl_c_ends_the_command_with_a_way_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fly = tuning.fly
+    fly = laws.fly
 
-    def interrupting(law: Mapping[str, Any], scenarios: Any) -> tuning.Verdict:
+    def interrupting(law: Mapping[str, Any], scenarios: Any) -> trials.Verdict:
         os.kill(os.getpid(), signal.SIGINT)
         return fly(law, scenarios)
 
-    monkeypatch.setattr(tuning, "fly", interrupting)
+    monkeypatch.setattr(laws, "fly", interrupting)
     result = tiny("linear", tmp_path)
     assert result.exit_code == 130, result.output
     assert "interrupted after 1 trials; go on with: drm tune linear" in result.stderr
@@ -367,7 +379,7 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
         (["lqr", "--hyperparameters", "a.toml"], "--hyperparameters means nothing for lqr"),
         (["sac", "--hyperparameters", "missing.toml"], "no hyperparameter file missing.toml"),
         (
-            ["sac", "--package", "--hyperparameters", str(tuning.learner_file("sac"))],
+            ["sac", "--package", "--hyperparameters", str(packaging.learner_file("sac"))],
             "must not be the file that --package overwrites",
         ),
         (["linear", "--env", "drm_env/Slew-v0"], "--env means nothing for linear"),
@@ -401,7 +413,7 @@ def test_help_names_every_option() -> None:
 
 
 @pytest.mark.parametrize("space", [*GAINS.values(), *LEARNING.values()])
-def test_every_dimension_says_what_it_is(space: tuple[tuning.Dimension, ...]) -> None:
+def test_every_dimension_says_what_it_is(space: tuple[Dimension, ...]) -> None:
     for dimension in space:
         assert dimension.unit
         assert dimension.reason
@@ -413,15 +425,15 @@ def test_every_dimension_says_what_it_is(space: tuple[tuning.Dimension, ...]) ->
 @pytest.mark.parametrize("algorithm", LEARNING)
 def test_searched_settings_are_settings(algorithm: str) -> None:
     base = hyperparameters.load_hyperparameters(algorithm)
-    assert tuning.learning_settings(base, tuning.learning_parameters(base)) == base
+    assert learners.learning_settings(base, learners.learning_parameters(base)) == base
     for high in (False, True):
         drawn = {
             each.name: (each.choices or (each.low, each.high))[-1 if high else 0]
             for each in LEARNING[algorithm]
         }
-        settings = tuning.learning_settings(base, drawn)
+        settings = learners.learning_settings(base, drawn)
         assert settings != base
-        text = tuning.toml_of(settings, "made for\n\na test")
+        text = toml.toml_of(settings, "made for\n\na test")
         assert hyperparameters.from_data(tomllib.loads(text)) == settings
 
 
@@ -429,15 +441,15 @@ def test_toml_holds_whatever_settings_hold() -> None:
     base = hyperparameters.load_hyperparameters("ppo")
     env = {"mass": {"uniform": [1.0, 2.0]}, "a.b": [True, 'it\'s "so"', 1e-7]}
     settings = dataclasses.replace(base, env=env)
-    assert hyperparameters.from_data(tomllib.loads(tuning.toml_of(settings))) == settings
+    assert hyperparameters.from_data(tomllib.loads(toml.toml_of(settings))) == settings
 
 
-@pytest.mark.parametrize("environment", [tuning.ENV_ID, "drm_env/Slew-v0"])
+@pytest.mark.parametrize("environment", [learners.ENV_ID, "drm_env/Slew-v0"])
 @pytest.mark.parametrize("algorithm", LEARNING)
 def test_packaging_settings_keeps_a_row_a_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, environment: str
 ) -> None:
-    training = pytest.importorskip("drm_baselines.training")
+    training = pytest.importorskip("drm_baselines.rl.training")
     base = hyperparameters.load_hyperparameters(algorithm)
     flown = []
 
@@ -448,12 +460,12 @@ def test_packaging_settings_keeps_a_row_a_trial(
         if number == 1:
             raise BaselineError("come to NaN")
         metre = Mock(estimate=Mock(return_value=Mock(value=[3e-3, np.nan, 2e-3, np.inf][number])))
-        watcher.evaluated(training.Point(steps=asked.steps, wall_time=0.5, episodes=metre))
+        watcher.evaluated(Point(steps=asked.steps, wall_time=0.5, episodes=metre))
         return Mock(status="finished", steps=asked.steps, wall_time=0.5)
 
     monkeypatch.setattr(training, "train", train)
-    monkeypatch.setattr(tuning, "__file__", str(tmp_path / "package" / "tuning.py"))
-    given = [] if environment == tuning.ENV_ID else ["--env", environment]
+    monkeypatch.setattr(packaging, "resources", Mock(files=Mock(return_value=tmp_path / "package")))
+    given = [] if environment == learners.ENV_ID else ["--env", environment]
     name = f"{algorithm}_direct" if given else algorithm
     monkeypatch.chdir(tmp_path)
     result = drm("tune", algorithm, *given, "--steps", 10, "--trials", 4, "--package")
@@ -461,12 +473,12 @@ def test_packaging_settings_keeps_a_row_a_trial(
     assert [row["number"] for row in rows(tmp_path / "results" / "tune" / name)] == list("0123")
     assert {asked.env_id for asked in flown} == {environment}
     assert flown[0].settings == base
-    learners = tmp_path / "package" / "learners"
-    assert sorted(file.name for file in learners.iterdir()) == [
+    folder = tmp_path / "package" / "benchmark" / "learners"
+    assert sorted(file.name for file in folder.iterdir()) == [
         f"{name}.search.json", f"{name}.toml",
     ]  # fmt: skip
-    record = json.loads((learners / f"{name}.search.json").read_text())
-    found = hyperparameters.load_hyperparameters(algorithm, learners / f"{name}.toml")
+    record = json.loads((folder / f"{name}.search.json").read_text())
+    found = hyperparameters.load_hyperparameters(algorithm, folder / f"{name}.toml")
     assert found == flown[2].settings == hyperparameters.from_data(record["settings"])
     assert record["trials"] == {"count": 4, "pruned": 1, "best": 2}
     assert record["objective"]["value"] == pytest.approx(2.0)
@@ -476,16 +488,16 @@ def test_packaging_settings_keeps_a_row_a_trial(
     assert record["command"] == f"{asked_for} --steps 10 --trials 4 --seed 0"
     assert record["name"] == name
     values = [row["value"] for row in record["record"]]
-    assert values == [pytest.approx(3.0), None, pytest.approx(2.0), 1e3 * tuning.LOST]
+    assert values == [pytest.approx(3.0), None, pytest.approx(2.0), 1e3 * trials.LOST]
     assert record["record"][1]["reason"] == "come to NaN"
     for row, asked in zip(record["record"], flown, strict=True):
-        assert tuning.learning_settings(base, row["parameters"]) == asked.settings
+        assert learners.learning_settings(base, row["parameters"]) == asked.settings
         assert row["seconds"] >= 0.0
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac", "ppo_direct", "sac_direct"])
 def test_learners_of_the_benchmark_are_what_their_search_found(name: str) -> None:
-    file = tuning.learner_file(name)
+    file = packaging.learner_file(name)
     record = json.loads(file.with_name(f"{name}.search.json").read_text())
     algorithm = name.removesuffix("_direct")
     settings = hyperparameters.load_hyperparameters(algorithm, file)
@@ -498,8 +510,8 @@ def test_learners_of_the_benchmark_are_what_their_search_found(name: str) -> Non
     values = [row["value"] for row in record["record"]]
     assert record["objective"]["value"] == min(value for value in values if value is not None)
     began = hyperparameters.load_hyperparameters(algorithm, start)
-    assert settings == tuning.learning_settings(began, record["parameters"])
-    known, first = tuning.learning_parameters(began), record["record"][0]["parameters"]
+    assert settings == learners.learning_settings(began, record["parameters"])
+    known, first = learners.learning_parameters(began), record["record"][0]["parameters"]
     for dimension in LEARNING[algorithm]:
         if dimension.holds(known[dimension.name]):
             assert first[dimension.name] == pytest.approx(known[dimension.name])
@@ -547,17 +559,17 @@ def test_settings_of_a_file_are_searched_and_packaged(
     pytest.importorskip("stable_baselines3")
     base = dataclasses.replace(hyperparameters.load_hyperparameters("ppo"), learning_rate=1.5e-3)
     start = tmp_path / "start.toml"
-    start.write_text(tuning.toml_of(base), encoding="utf-8")
-    monkeypatch.setattr(tuning, "__file__", str(tmp_path / "package" / "tuning.py"))
+    start.write_text(toml.toml_of(base), encoding="utf-8")
+    monkeypatch.setattr(packaging, "resources", Mock(files=Mock(return_value=tmp_path / "package")))
     result = drm(
         "tune", "ppo", "--steps", 1, "--trials", 1, "--hyperparameters", start,
         "--out", tmp_path / "a", "--package",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    learners = tmp_path / "package" / "learners"
-    found = hyperparameters.load_hyperparameters("ppo", learners / "ppo.toml")
+    folder = tmp_path / "package" / "benchmark" / "learners"
+    found = hyperparameters.load_hyperparameters("ppo", folder / "ppo.toml")
     assert found.learning_rate == pytest.approx(1.5e-3)
-    record = json.loads((learners / "ppo.search.json").read_text())
+    record = json.loads((folder / "ppo.search.json").read_text())
     assert [row["trial"] for row in record["record"]] == [0]
     assert record["record"][0]["parameters"]["learning_rate"] == pytest.approx(1.5e-3)
     assert f"--hyperparameters {start}" in record["command"]

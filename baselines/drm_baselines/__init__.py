@@ -11,8 +11,10 @@ The ``drm`` command does the same from a terminal: ``drm --help``.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from drm_baselines import _moved
+from drm_baselines.support.lazy import exports
 
 if TYPE_CHECKING:
     from drm_baselines.errors import (
@@ -40,21 +42,17 @@ __all__ = [
     "make_policy",
 ]
 
-_HOMES = {
-    "errors": ["BaselineError", "ExistingResultError", "PolicyError", "PolicyWarning", "RunError"],
-    "policies": ["LAWS", "LAW_PERIOD", "LawPolicy", "load_policy", "make_policy"],
-}
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_moved.install()
 
-
-def __getattr__(name: str) -> Any:
-    """Imports a public name when it is first used, which keeps ``drm --help`` fast."""
-    home = _HOME_OF.get(name)
-    if home is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = exports(
+    __name__,
+    {
+        ".errors": [
+            "BaselineError", "ExistingResultError", "PolicyError", "PolicyWarning", "RunError",
+        ],
+        ".policies": ["LAWS", "LAW_PERIOD", "LawPolicy", "load_policy", "make_policy"],
+    },
+)  # fmt: skip
 
 
 def __dir__() -> list[str]:

@@ -19,10 +19,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drm_baselines.benchmark.results import Record
+from drm_baselines.benchmark.records import Record
 from drm_baselines.errors import BaselineError
-from drm_baselines.metrics import describe
-from drm_baselines.records import Episodes
+from drm_baselines.evaluation.metrics import describe
+from drm_baselines.evaluation.records import Episodes
 
 FRACTIONS = ("settled", "saturation", "diverged")
 """Metrics between 0 and 1, whose mean is what tables show."""
@@ -101,9 +101,9 @@ class Compared:
 def judged(record: Record, name: str) -> _Array:
     """Return a metric in SI with a comparable value for every flight.
 
-    The rules are those of :meth:`drm_baselines.records.Episodes.judged`: a censored settling time
-    counts as the time that was observed, a signed error by its magnitude, a diverged episode as
-    infinitely bad.
+    The rules are those of :meth:`drm_baselines.evaluation.records.Episodes.judged`: a censored
+    settling time counts as the time that was observed, a signed error by its magnitude, a diverged
+    episode as infinitely bad.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, MOST_STEPS, guarded, json_target
 from drm_baselines.cli.terminal import counting, note, output, say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -85,9 +85,9 @@ def bench(
     """
     with leaving_at_once():
         import drm_env
-        from drm_baselines import storage
-        from drm_baselines.bench import report, sections
-        from drm_baselines.bench.results import Bench
+        from drm_baselines.speed import report, sections
+        from drm_baselines.speed.results import Bench
+        from drm_baselines.support import storage
 
     if show_list:
         show(_list_table(sections.SECTIONS))
@@ -126,11 +126,11 @@ def bench(
     if markdown is not None:
         files.append(report.update_markdown(markdown, results, settings))
     if out is not None:
-        from drm_baselines.bench import pictures
+        from drm_baselines.speed import plots
 
         files.append(storage.write_json(out / "bench.json", content, overwrite=force))
         files.append(report.write_csv(out / "bench.csv", results, overwrite=force))
-        files.extend(pictures.plot_all(results, out, overwrite=force))
+        files.extend(plots.plot_all(results, out, overwrite=force))
     if not as_json:
         say_files(files)
     if stopped is not None:

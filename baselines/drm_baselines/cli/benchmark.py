@@ -12,7 +12,7 @@ import typer
 
 from drm_baselines.cli.common import JSON_HELP, guarded, json_target
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 
 def _show(
@@ -77,38 +77,42 @@ def benchmark(
     angles in degrees in the tables, SI and radians in the files.
     """
     with leaving_at_once():
-        from drm_baselines import storage
-        from drm_baselines.benchmark import field, report, run, suites
+        from drm_baselines import suites
+        from drm_baselines.benchmark import competitors as competing
+        from drm_baselines.benchmark import runner
+        from drm_baselines.benchmark.report import documents as made
+        from drm_baselines.benchmark.report import page, tables, targets
+        from drm_baselines.support import storage
 
     as_json, json_file = json_target(as_json, json_file, context.args)
     names = list(suite or suites.SUITES)
     for name in names:
         suites.suite_named(name)
     if learned is not None:
-        field.check_runs(learned)
+        competing.check_runs(learned)
     if json_file is not None:
         storage.claim_file(json_file, force=True)
-    everybody = field.chosen(field.competitors(learned), policy)
+    everybody = competing.chosen(competing.competitors(learned), policy)
     results = []
     for name in dict.fromkeys(names):
         begun = time.monotonic()
         with counting("episodes") as progress:
             shown = functools.partial(_show, progress, name)
-            result = run.fly_suite(name, everybody, out, again=again, progress=shown, told=note)
+            result = runner.fly_suite(name, everybody, out, again=again, progress=shown, told=note)
         results.append(result)
         if as_json:
             continue
         say(f"{name}: flights took {time.monotonic() - begun:.0f} s")
-        show(report.terminal_table(result))
-        for text, verdict in report.targets(result):
+        show(tables.terminal_table(result))
+        for text, verdict in targets.targets(result):
             say(f"{verdict}: {text}")
     if as_json:
-        say_json(run.summary(results))
-    figures = run.draw(results, out / "figures", learned or field.shipped_runs())
-    written = [report.write_page(results, out / "benchmark.html", figures, overwrite=True)]
+        say_json(made.summary(results))
+    figures = made.draw(results, out / "figures", learned or competing.shipped_runs())
+    written = [page.write_page(results, out / "benchmark.html", figures, overwrite=True)]
     if json_file is not None:
-        written.append(run.write_summary(json_file, results, overwrite=True))
+        written.append(made.write_summary(json_file, results, overwrite=True))
     if documents is not None:
-        written += run.update_documents(documents, results, out / "figures")
+        written += made.update_documents(documents, results, out / "figures")
     if not as_json:
         say_files(written)

@@ -13,8 +13,8 @@ import typer
 
 from drm_baselines.cli.terminal import complain, complaints, note, output
 from drm_baselines.errors import BaselineError
-from drm_baselines.interruption import Stopped, handled_by, interrupt
-from drm_baselines.reading import parse_json, shown
+from drm_baselines.support.interruption import Stopped, handled_by, interrupt
+from drm_baselines.support.reading import parse_json, shown
 
 REFUSED = 2
 """Exit code of a request that cannot be carried out."""

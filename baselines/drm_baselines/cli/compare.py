@@ -9,7 +9,7 @@ import typer
 
 from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 
 @guarded
@@ -43,16 +43,11 @@ def compare(
     in the files.
     """
     with leaving_at_once():
-        from drm_baselines import storage
-        from drm_baselines.comparison import (
-            Arena,
-            contestant_named,
-            fly_all,
-            report_of,
-            write_comparison,
-        )
-        from drm_baselines.evaluation import episode_seeds
-        from drm_baselines.tables import comparison_tables, paired_table
+        from drm_baselines.evaluation.comparison import report_of, write_comparison
+        from drm_baselines.evaluation.contestants import Arena, contestant_named, fly_all
+        from drm_baselines.evaluation.tables import comparison_tables, paired_table
+        from drm_baselines.support import storage
+        from drm_baselines.support.seeds import episode_seeds
 
     episode_seeds(seed, episodes)
     arena = Arena(env_id=env_id, options=parse_options(set_options), seed=seed, episodes=episodes)
@@ -72,7 +67,7 @@ def compare(
             show(paired_table(entry, title=f"{label} minus {report['paired']['reference']}"))
     if out is None:
         return
-    from drm_baselines import plots
+    from drm_baselines.evaluation import plots
 
     files = write_comparison(out, flights, report, title=env_id, overwrite=force)
     trajectories = {contestant.label: contestant.trajectory(arena) for contestant in contestants}

@@ -19,12 +19,12 @@ import typer
 from drm_baselines.cli.common import MOST_STEPS, guarded
 from drm_baselines.cli.terminal import console, counting, progress_bar, say, say_files, show
 from drm_baselines.cli.train import ConsoleWatcher, training_module
-from drm_baselines.hyperparameters import MOST_ENVS, load_hyperparameters
-from drm_baselines.interruption import exit_code, leaving_at_once
+from drm_baselines.rl.hyperparameters import MOST_ENVS, load_hyperparameters
+from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
-    from drm_baselines.comparison import Arena
-    from drm_baselines.statistics import Estimate
+    from drm_baselines.evaluation.contestants import Arena
+    from drm_baselines.evaluation.statistics import Estimate
 
 ENV_ID = "drm_env/SlewResidual-v0"
 STEPS = 2_560_000
@@ -49,10 +49,11 @@ def fresh_directory(base: Path) -> Path:
 def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
     """Fly Payload 1 through the standard manoeuvre under each law; write figures and JSON."""
     import drm_env
-    from drm_baselines import plots, storage
-    from drm_baselines.policies import LAWS
-    from drm_baselines.policy_names import title_of
-    from drm_baselines.tables import metrics_table
+    from drm_baselines.evaluation import plots
+    from drm_baselines.evaluation.tables import metrics_table
+    from drm_baselines.policies.names import title_of
+    from drm_baselines.policies.registry import LAWS
+    from drm_baselines.support import provenance, storage
 
     rows: dict[str, Mapping[str, float]] = {}
     files = []
@@ -76,7 +77,7 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
     files.append(
         storage.write_json(
             out / "manoeuvres.json",
-            {"units": "SI and radians", "metrics": rows, "provenance": storage.provenance()},
+            {"units": "SI and radians", "metrics": rows, "provenance": provenance.provenance()},
             overwrite=overwrite,
         )
     )
@@ -85,8 +86,8 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
 
 def verdict(comparison: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return what the paired comparison with the inner law allows to say, in sentences."""
-    from drm_baselines.metrics import describe
-    from drm_baselines.statistics import Estimate
+    from drm_baselines.evaluation.metrics import describe
+    from drm_baselines.evaluation.statistics import Estimate
 
     tip = comparison["tip_error_rms"]
     difference = Estimate(**tip["difference"]).scaled(1e3)
@@ -117,8 +118,8 @@ def _learning_curve(
 ) -> Path:
     import numpy as np
 
-    from drm_baselines import plots
-    from drm_baselines.runs import EVALUATIONS_FILE
+    from drm_baselines.evaluation import plots
+    from drm_baselines.rl.run_record import EVALUATIONS_FILE
 
     table = np.genfromtxt(run / EVALUATIONS_FILE, delimiter=",", names=True, ndmin=1)
     names: Sequence[str] = table.dtype.names or ()
@@ -135,11 +136,13 @@ def _learning_curve(
 def _train(run: Path, steps: int, seed: int, n_envs: int | None, *, force: bool) -> None:
     import dataclasses
 
+    from drm_baselines.rl.request import TrainingRequest
+
     training = training_module()
     settings = load_hyperparameters("ppo")
     if n_envs is not None:
         settings = dataclasses.replace(settings, n_envs=n_envs)
-    request = training.TrainingRequest(
+    request = TrainingRequest(
         algorithm="ppo",
         env_id=ENV_ID,
         options={},
@@ -179,19 +182,18 @@ def demo(
     """Fly the thesis' manoeuvre, train an agent on top of the linear law, compare them all."""
     training_module()
     with leaving_at_once():
-        from drm_baselines import storage
-        from drm_baselines.comparison import (
+        from drm_baselines.evaluation.comparison import report_of, write_comparison
+        from drm_baselines.evaluation.contestants import (
             Arena,
             contestant_of_inner_law,
             contestant_of_law,
             contestant_of_run,
             fly_all,
-            report_of,
-            write_comparison,
         )
-        from drm_baselines.evaluation import episode_seeds
-        from drm_baselines.policies import LAWS
-        from drm_baselines.tables import comparison_tables, paired_table
+        from drm_baselines.evaluation.tables import comparison_tables, paired_table
+        from drm_baselines.policies.registry import LAWS
+        from drm_baselines.support import storage
+        from drm_baselines.support.seeds import episode_seeds
 
     episode_seeds(0, episodes)
     directory = out if out is not None else fresh_directory(Path("results"))
@@ -258,10 +260,11 @@ def _minutes(steps: int) -> int:
 
 def _bands() -> dict[str, Estimate]:
     """The laws on the very episodes that the learning curve was measured on."""
-    from drm_baselines.comparison import Arena, contestant_of_law, fly_all
-    from drm_baselines.policies import LAWS
+    from drm_baselines.evaluation.contestants import Arena, contestant_of_law, fly_all
+    from drm_baselines.policies.registry import LAWS
+    from drm_baselines.support.seeds import CURVE_SEED
 
-    curve = Arena(env_id=ENV_ID, seed=training_module().CURVE_SEED, episodes=CURVE_EPISODES)
+    curve = Arena(env_id=ENV_ID, seed=CURVE_SEED, episodes=CURVE_EPISODES)
     laws = [contestant_of_law(name) for name in LAWS]
     return {flight.label: flight.estimate("tip_error_rms") for flight in fly_all(laws, curve)}
 
@@ -269,7 +272,7 @@ def _bands() -> dict[str, Estimate]:
 def _episode_figure(
     out: Path, contestants: Sequence[Any], arena: Arena, *, overwrite: bool
 ) -> Path:
-    from drm_baselines import plots
+    from drm_baselines.evaluation import plots
 
     return plots.plot_manoeuvres(
         {contestant.label: contestant.trajectory(arena) for contestant in contestants},

@@ -10,7 +10,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 
 @guarded
@@ -46,12 +46,13 @@ def evaluate(
 ) -> None:
     """Fly one policy over seeded episodes and report the engine's metrics."""
     with leaving_at_once():
-        from drm_baselines import storage
-        from drm_baselines.comparison import Arena, contestant_named, fly_all
-        from drm_baselines.evaluation import config_data, episode_seeds
-        from drm_baselines.network import load_policy
-        from drm_baselines.records import write_records
-        from drm_baselines.tables import comparison_tables
+        from drm_baselines.evaluation.contestants import Arena, contestant_named, fly_all
+        from drm_baselines.evaluation.environments import config_data
+        from drm_baselines.evaluation.records import write_records
+        from drm_baselines.evaluation.tables import comparison_tables
+        from drm_baselines.policies.policy_file import load_policy
+        from drm_baselines.support import provenance, storage
+        from drm_baselines.support.seeds import episode_seeds
 
     episode_seeds(seed, episodes)
     options = parse_options(set_options)
@@ -79,7 +80,7 @@ def evaluate(
         "seed": seed,
         "environment": {"id": env_id, "config": config_data(arena.config)},
         "policy": flights[0].summary(),
-        "provenance": storage.provenance(),
+        "provenance": provenance.provenance(),
     }
     if as_json:
         say_json(report)

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from drm_baselines import memory
 from drm_baselines.cli.common import MOST_MANOEUVRES, MOST_ROUNDS, guarded
 from drm_baselines.cli.terminal import progress_bar, say
 from drm_baselines.errors import BaselineError, missing_extra
-from drm_baselines.interruption import exit_code, leaving_at_once
+from drm_baselines.support import memory
+from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 _PLAN_BYTES = 200_000
 _INTERVALS_BYTES = 2_000_000
@@ -21,10 +21,15 @@ _INTERVALS_BYTES = 2_000_000
 def _modules() -> tuple[Any, Any, Any, Any]:
     try:
         with leaving_at_once():
-            from drm_baselines.imitation import dagger, refining, sensitivity, teacher
+            from drm_baselines.imitation import (
+                analytic_gradient,
+                dagger,
+                plant_jacobian,
+                teacher,
+            )
     except ImportError as error:
         raise missing_extra("imitation", "learn", error) from error
-    return dagger, refining, sensitivity, teacher
+    return dagger, analytic_gradient, plant_jacobian, teacher
 
 
 def _given(options: dict[str, int | None]) -> dict[str, int]:
@@ -105,9 +110,9 @@ def imitate(
     """
     if start is not None and (rounds is not None or refine is not None):
         raise BaselineError("--rounds and --refine are over for a student that --start names")
-    dagger, refining, sensitivity, teachers = _modules()
-    from drm_baselines import storage
-    from drm_baselines.network import load_policy
+    dagger, analytic_gradient, plant_jacobian, teachers = _modules()
+    from drm_baselines.policies.policy_file import load_policy
+    from drm_baselines.support import storage
 
     # before the minutes that the teacher takes
     storage.check_directory(out, force=force)
@@ -116,8 +121,8 @@ def imitate(
     teaching = teachers.Teaching(scenarios=scenarios)
     given = {"manoeuvres": manoeuvres, "batch": batch}
     stages = {
-        "refinement": refining.Refinement(**_given({**given, "steps": refine})),
-        "settling": refining.settling(**_given({**given, "steps": settle})),
+        "refinement": analytic_gradient.Refinement(**_given({**given, "steps": refine})),
+        "settling": analytic_gradient.settling(**_given({**given, "steps": settle})),
     }
     refinement = stages["refinement"]
     settings = {} if rounds is None else {"rounds": rounds}
@@ -135,7 +140,7 @@ def imitate(
             )
             teachers.save_plans(teacher / "plans.npz", plans, teaching)
         linearising = progress.add_task("linearising", total=None, note="")
-        intervals = sensitivity.prepare(
+        intervals = plant_jacobian.prepare(
             teacher / "intervals.npz",
             teaching,
             refinement.manoeuvres,

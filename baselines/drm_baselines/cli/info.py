@@ -11,7 +11,7 @@ import typer
 
 from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import say, say_json, show
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,15 +38,15 @@ def info(
     """Show versions, environments, the observation's layout, the options and the metrics."""
     with leaving_at_once():
         import drm_env
-        from drm_baselines import storage
-        from drm_baselines.evaluation import config_data, environment_config, known_ids
-        from drm_baselines.policies import LAWS
+        from drm_baselines.evaluation.environments import config_data, environment_config, known_ids
+        from drm_baselines.policies.registry import LAWS
+        from drm_baselines.support import provenance
 
     resolved = environment_config(env_id, parse_options(set_options))
     layout = drm_env.observation_layout(config=resolved)
     if as_json:
         content: dict[str, Any] = {
-            "versions": storage.versions(),
+            "versions": provenance.versions(),
             "environments": known_ids(),
             "laws": list(LAWS),
             "environment": env_id,
@@ -79,7 +79,7 @@ def info(
     if config:
         say_json(config_data(resolved))
         return
-    say("  ".join(f"{name} {version}" for name, version in storage.versions().items()))
+    say("  ".join(f"{name} {version}" for name, version in provenance.versions().items()))
     say("environments: " + ", ".join(known_ids()))
     say("control laws: " + ", ".join(LAWS))
     table = _table(

@@ -10,7 +10,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, guarded
 from drm_baselines.cli.terminal import say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -98,7 +98,7 @@ def modes(
     """
     with leaving_at_once():
         import drm_env
-        from drm_baselines import storage
+        from drm_baselines.support import storage
 
     names = tuple(dict.fromkeys(plant or PLANTS))
     unknown = [name for name in names if name not in PLANTS]
@@ -142,7 +142,7 @@ def modes(
     else:
         show(_table(places, found, _title(payload)))
     if plot is not None:
-        from drm_baselines.frequency_plot import plot_natural_frequencies
+        from drm_baselines.cli.frequency_plot import plot_natural_frequencies
 
         plot_natural_frequencies(places, found, plot, title=_title(payload), overwrite=force)
         if not as_json:

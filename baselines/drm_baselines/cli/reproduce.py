@@ -9,7 +9,7 @@ import typer
 
 from drm_baselines.cli.common import guarded
 from drm_baselines.cli.terminal import progress_bar, say, show
-from drm_baselines.interruption import leaving_at_once
+from drm_baselines.support.interruption import leaving_at_once
 
 
 @guarded

@@ -13,8 +13,8 @@ import typer
 from drm_baselines.cli.common import guarded
 from drm_baselines.cli.terminal import complain, say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.interruption import leaving_at_once
-from drm_baselines.reading import read_table, shown
+from drm_baselines.support.interruption import leaving_at_once
+from drm_baselines.support.reading import read_table, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,7 +47,7 @@ def write_trajectory(
     """Write the signals of a flight as CSV, one column a signal, SI units and radians."""
     import numpy as np
 
-    from drm_baselines import storage
+    from drm_baselines.support import storage
 
     names = list(flight)
     count = flight[names[0]].size
@@ -72,7 +72,7 @@ def _check_memory(description: Mapping[str, Any], decimation: int, laws: int) ->
     BaselineError
         The message says how much they would take.
     """
-    from drm_baselines import memory
+    from drm_baselines.support import memory
 
     horizon, period = description.get("horizon", 20.0), description.get("sample_period", 2e-3)
     times = [each for each in (horizon, period) if isinstance(each, (int, float)) and each > 0.0]
@@ -131,10 +131,10 @@ def simulate(
     """Simulate one manoeuvre in closed loop and show its metrics."""
     with leaving_at_once():
         import drm_env
-        from drm_baselines import storage
-        from drm_baselines.policies import law_data
-        from drm_baselines.policy_names import title_of
-        from drm_baselines.tables import metrics_table
+        from drm_baselines.evaluation.tables import metrics_table
+        from drm_baselines.policies.names import title_of
+        from drm_baselines.policies.registry import law_data
+        from drm_baselines.support import provenance, storage
 
     description = read_table(scenario, "scenario file") if scenario is not None else {}
     for path, value in (
@@ -167,7 +167,7 @@ def simulate(
         "scenario": description,
         "laws": laws,
         "metrics": {name: dict(flight.metrics) for name, flight in flights.items()},
-        "provenance": storage.provenance(),
+        "provenance": provenance.provenance(),
     }
     if as_json:
         say_json(report)
@@ -192,7 +192,7 @@ def simulate(
         for name, flight in flights.items()
     ]
     files.append(storage.write_json(out / "simulation.json", report, overwrite=force))
-    from drm_baselines import plots
+    from drm_baselines.evaluation import plots
 
     files.append(
         plots.plot_manoeuvres(flights, out / "manoeuvre.png", title="manoeuvre", overwrite=force)

@@ -170,7 +170,7 @@ def say_files(files: Sequence[Path]) -> None:
 
 def say_json(content: Any) -> None:
     """Print a result as JSON, and nothing else."""
-    from drm_baselines import storage
+    from drm_baselines.support import storage
 
     output.write(json.dumps(storage.plain(content), indent=2, allow_nan=False) + "\n")
     output.flush()

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drm_baselines import hyperparameters as settings_files
 from drm_baselines.cli.common import (
     MOST_STEPS,
     SET_HELP,
@@ -18,12 +17,13 @@ from drm_baselines.cli.common import (
 )
 from drm_baselines.cli.terminal import progress_bar, say
 from drm_baselines.errors import BaselineError, missing_extra
-from drm_baselines.interruption import exit_code, leaving_at_once
+from drm_baselines.rl import hyperparameters as settings_files
+from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from drm_baselines.training import Point
+    from drm_baselines.rl.request import Point
 
 
 class ConsoleWatcher:
@@ -45,8 +45,8 @@ class ConsoleWatcher:
 
     def evaluated(self, point: Point) -> None:
         """Print the point."""
-        from drm_baselines.metrics import describe
-        from drm_baselines.tables import interval
+        from drm_baselines.evaluation.metrics import describe
+        from drm_baselines.evaluation.tables import interval
 
         self.points.append(point)
         self._progress.update(self._task, completed=point.steps)
@@ -69,7 +69,7 @@ def training_module() -> Any:
     """
     try:
         with leaving_at_once():
-            from drm_baselines import training
+            from drm_baselines.rl import training
     except ImportError as error:
         raise missing_extra("training", "learn", error) from error
     return training
@@ -167,7 +167,7 @@ def train(
                 raise BaselineError(
                     f"{name} cannot be given with --resume: a run goes on with what it began with"
                 )
-        from drm_baselines.runs import load_run
+        from drm_baselines.rl.run_record import load_run
 
         record = load_run(out)
         total = steps if steps is not None else record.target_steps
@@ -178,12 +178,14 @@ def train(
     else:
         import dataclasses
 
+        from drm_baselines.rl.request import TrainingRequest
+
         algorithm = algo or "ppo"
         settings = settings_files.load_hyperparameters(algorithm, hyperparameters)
         if n_envs is not None:
             settings = dataclasses.replace(settings, n_envs=n_envs)
         training = training_module()
-        request = training.TrainingRequest(
+        request = TrainingRequest(
             algorithm=algorithm,
             env_id=env_id or "drm_env/SlewResidual-v0",
             options=parse_options(set_options),

@@ -17,12 +17,12 @@ from drm_baselines.cli.common import (
 )
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.errors import BaselineError
-from drm_baselines.interruption import exit_code, leaving_at_once
+from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from drm_baselines.benchmark.tuning import Outcome
+    from drm_baselines.tuning.trials import Outcome
 
 _RESULTS = Path("results") / "tune"
 
@@ -148,10 +148,15 @@ def tune(
     what is there) and ends with the same digits; more --trials extend one.
     """
     with leaving_at_once():
-        from drm_baselines.benchmark import tuning
+        from drm_baselines.tuning import (
+            laws,
+            learners,
+            packaging,
+            space,
+        )
 
-    tuning.check_target(target)
-    is_law = target in tuning.GAINS
+    space.check_target(target)
+    is_law = target in space.GAINS
     given = (
         {"--steps": steps, "--env": env_id, "--hyperparameters": hyperparameters} if is_law
         else {"--suite": suite, "--scenarios": scenarios}
@@ -161,7 +166,7 @@ def tune(
             raise BaselineError(f"{name} means nothing for {target}")
     with counting() as progress:
         if is_law:
-            request = tuning.LawRequest(
+            request = laws.LawRequest(
                 law=target,
                 suite=suite if suite is not None else "robust",
                 scenarios=scenarios if scenarios is not None else 400,
@@ -170,21 +175,21 @@ def tune(
             )
             command = request.command
             directory = out if out is not None else _RESULTS / target
-            outcome = tuning.tune_law(directory, request, force=force, progress=progress)
+            outcome = laws.tune_law(directory, request, force=force, progress=progress)
         else:
-            settings = tuning.LearningRequest(
+            settings = learners.LearningRequest(
                 algorithm=target,
                 steps=steps if steps is not None else 400_000,
                 trials=trials if trials is not None else 20,
                 seed=seed,
                 base=hyperparameters,
-                env_id=env_id if env_id is not None else tuning.ENV_ID,
+                env_id=env_id if env_id is not None else learners.ENV_ID,
             )
             if package:
-                tuning.check_package(settings)
+                packaging.check_package(settings)
             command = settings.command
             directory = out if out is not None else _RESULTS / settings.learner
-            outcome = tuning.tune_learning(directory, settings, force=force, progress=progress)
+            outcome = learners.tune_learning(directory, settings, force=force, progress=progress)
     count = outcome.content["trials"]["count"]
     if outcome.found:
         note(
@@ -202,5 +207,5 @@ def tune(
         )
         raise typer.Exit(exit_code())
     if package:
-        path = tuning.package(outcome)
+        path = packaging.package(outcome)
         note(f"packaged {path.name}")

@@ -6,8 +6,8 @@ what it sees is what any agent sees there. The wheels' stored momentum is in its
 and with the momentum that the motor was told to give it tells the true inertia; the last few
 observations tell what is not measured: that is the student's memory. What the teacher knows and
 the student cannot, no imitation teaches: the gradient of the tip error does
-(:mod:`drm_baselines.imitation.refining`). At last it settles: it learns to leave an arm at rest
-alone.
+(:mod:`drm_baselines.imitation.analytic_gradient`). At last it settles: it learns to leave an arm
+at rest alone.
 
 A run is a directory like any other training run and ends in ``policy.safetensors`` and
 ``policy.json``. An interrupted one keeps the policy of its last finished round.
@@ -29,31 +29,33 @@ from numpy.typing import NDArray
 from torch import nn
 
 import drm_env
-from drm_baselines import storage
-from drm_baselines.benchmark.suites import STRATA
 from drm_baselines.errors import BaselineError, RunError
-from drm_baselines.evaluation import config_data
-from drm_baselines.imitation.flights import Examples, Flight
-from drm_baselines.imitation.refining import Fleet, Refinement, refine, settling
-from drm_baselines.imitation.sensing import Array
-from drm_baselines.imitation.sensitivity import Intervals
+from drm_baselines.evaluation.environments import config_data
+from drm_baselines.imitation.analytic_gradient import (
+    Fleet,
+    Refinement,
+    refine,
+    settling,
+)
+from drm_baselines.imitation.observation_jacobian import Array
+from drm_baselines.imitation.plant_jacobian import Intervals
 from drm_baselines.imitation.student import Student
 from drm_baselines.imitation.teacher import Plans, Teaching
-from drm_baselines.interruption import stop_on_signal
-from drm_baselines.network import (
+from drm_baselines.imitation.teacher_rollout import Examples, Flight
+from drm_baselines.policies.perceptron import NetworkPolicy, Perceptron
+from drm_baselines.policies.policy_file import (
     DESCRIPTION_FILE,
     WEIGHTS_FILE,
-    NetworkPolicy,
-    Perceptron,
     load_policy,
     save_policy,
 )
-from drm_baselines.runs import EVALUATIONS_FILE
+from drm_baselines.rl.run_record import EVALUATIONS_FILE
+from drm_baselines.suites import STRATA
+from drm_baselines.support import provenance, storage
+from drm_baselines.support.interruption import stop_on_signal
+from drm_baselines.support.seeds import IMITATION_CURVE_SEED
 
 ALGORITHM = "dagger"
-CURVE_SEED = 910_000_000
-"""First seed of the manoeuvres behind the curve of a run: apart from training and from suites."""
-
 _CURVE_EPISODES = 50  # a stratum
 _POINTS = {"refinement": 12, "settling": 4}  # of the curve
 _LEVERS = np.array([12.0, 2.0, 2.0])  # m/rad at mid extension; deflections of the ends are twice
@@ -171,7 +173,7 @@ def _point(student: Student, study: Study) -> dict[str, NDArray[np.float64]]:
     for stratum in range(4):
         config = study.teaching.config(stratum)
         scenarios = drm_env.sample_scenarios(
-            config=config, seed=CURVE_SEED + 1000 * stratum, n=_CURVE_EPISODES
+            config=config, seed=IMITATION_CURVE_SEED + 1000 * stratum, n=_CURVE_EPISODES
         )
         parts.append(drm_env.rollout(scenarios, policy=network, config=config))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -198,7 +200,7 @@ def imitate(
     plans
         From :func:`drm_baselines.imitation.teacher.make_plans`.
     intervals
-        From :func:`drm_baselines.imitation.sensitivity.prepare`, for the study's refinement.
+        From :func:`drm_baselines.imitation.plant_jacobian.prepare`, for the study's refinement.
     start
         Directory of a student that has been refined and has only to settle.
     force
@@ -375,7 +377,7 @@ class _Curve:
         refined: int = 0,
     ) -> None:  # fmt: skip
         """Judge the student, save it and tell."""
-        from drm_baselines.statistics import interquartile_mean
+        from drm_baselines.evaluation.statistics import interquartile_mean
 
         judged = _point(student, self.study)
         point = {
@@ -429,6 +431,6 @@ def describe(study: Study, points: Sequence[dict[str, float]], finished: bool) -
             "wall_time": points[-1]["wall_time"],
             "finished": finished,
             "hyperparameters": asdict(study),
-            **storage.provenance(),
+            **provenance.provenance(),
         },
     }

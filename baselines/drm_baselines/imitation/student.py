@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from drm_baselines.network import Perceptron
+from drm_baselines.policies.perceptron import Perceptron
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

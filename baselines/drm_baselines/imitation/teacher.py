@@ -18,17 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines import storage
-from drm_baselines.benchmark.feedback import feedback_around, saturation
-from drm_baselines.benchmark.programme import (
+from drm_baselines.optimal_control.quadratic_program import (
     Programme,
     closed_loop,
     linear_feedback,
     torque_limits,
 )
-from drm_baselines.benchmark.suites import STRATA, suite_named
-from drm_baselines.policies import LAW_PERIOD
-from drm_baselines.processes import process_pool
+from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
+from drm_baselines.policies.law_policy import LAW_PERIOD
+from drm_baselines.suites import STRATA, suite_named
+from drm_baselines.support import storage
+from drm_baselines.support.processes import process_pool
+from drm_baselines.support.seeds import TRAINING_SEED
 
 PLANS_FORMAT = "drm-teacher-plans 3"
 
@@ -79,7 +80,7 @@ class Teaching:
 
     suite: str = "robust"
     scenarios: int = 800
-    first_seed: int = 1_000_000_000
+    first_seed: int = TRAINING_SEED
     inner_law: Mapping[str, Any] = field(
         default_factory=lambda: {
             "name": "linear",

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from drm_baselines.figures import LINES, SEQUENCE, subplots
+from drm_baselines.support.figures import LINES, SEQUENCE, subplots
 
 _Array = NDArray[np.float64]
 

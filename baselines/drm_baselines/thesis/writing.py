@@ -15,8 +15,8 @@ from string import Template
 
 from matplotlib.figure import Figure
 
-from drm_baselines import storage
 from drm_baselines.errors import ExistingResultError
+from drm_baselines.support import storage
 from drm_baselines.thesis.results import Entry, Grid, Outcome, Row, Verdict
 
 Results = Sequence[tuple[Entry, Outcome]]

@@ -1,0 +1,1 @@
+"""The benchmark's records as tables, targets, figures and one HTML page."""

@@ -1,0 +1,50 @@
+"""The figure of ``drm modes``: natural frequencies over the extension."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from drm_baselines.support.figures import SEQUENCE, save_figure, single
+
+_MARKERS = "os^D"  # one a plant, beside its colour
+
+
+def plot_natural_frequencies(
+    extensions: Sequence[float],
+    found: Mapping[str, Sequence[Sequence[float]]],
+    path: Path,
+    *,
+    title: str,
+    overwrite: bool = False,
+) -> Path:
+    """Draw natural frequencies over the extension, one colour a plant, one line a mode.
+
+    Parameters
+    ----------
+    extensions
+        Lengths of link 2 outside link 1, m.
+    found
+        By plant: for each extension its frequencies, rising, Hz.
+    path, title, overwrite
+        Where and what to draw.
+    """
+    figure, axis = single(size=(8.0, 5.0))
+    for index, (name, rows) in enumerate(found.items()):
+        for mode, values in enumerate(zip(*rows, strict=True)):
+            axis.plot(
+                extensions,
+                values,
+                color=SEQUENCE[index % len(SEQUENCE)],
+                marker=_MARKERS[index % len(_MARKERS)],
+                markersize=4.0,
+                linewidth=1.1,
+                label=name if mode == 0 else None,
+            )
+    axis.set_yscale("log")
+    axis.set_xlabel("extension (m)")
+    axis.set_ylabel("natural frequency (Hz)")
+    axis.set_title(title)
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize="small")
+    return save_figure(figure, path, overwrite=overwrite)

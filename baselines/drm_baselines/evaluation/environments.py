@@ -1,0 +1,60 @@
+"""Environments by their ids: configurations, and the scenarios that they draw."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+
+import drm_env
+from drm_baselines.errors import BaselineError
+
+
+def environment_config(env_id: str, options: Mapping[str, Any]) -> drm_env.EnvConfig:
+    """Return the complete configuration of an environment id with keyword options.
+
+    Raises
+    ------
+    BaselineError
+        No such id among drm-env's.
+    drm_env.ConfigError
+        An unknown or impossible option.
+    """
+    known = known_ids()
+    if env_id not in known:
+        raise BaselineError(f"no environment {env_id!r}; there are {', '.join(known)}")
+    defaults = dict(gym.spec(env_id).kwargs)
+    env = drm_env.DrmEnv(**{**defaults, **options})
+    try:
+        return env.config
+    finally:
+        env.close()
+
+
+def config_data(config: drm_env.EnvConfig) -> dict[str, Any]:
+    """Return a configuration as plain data, in the form that configuration files have."""
+    env = drm_env.DrmEnv(config=config)
+    try:
+        data: dict[str, Any] = json.loads(env.config_json)
+        return data
+    finally:
+        env.close()
+
+
+def known_ids() -> list[str]:
+    """Return the ids that drm-env has registered."""
+    return sorted(name for name in gym.registry if name.startswith("drm_env/"))
+
+
+def scenarios_of(
+    env_id: str, config: drm_env.EnvConfig, seed: int, episodes: int
+) -> list[dict[str, Any]]:
+    """Return the scenarios that the environment flies with ``seed .. seed + episodes - 1``."""
+    return drm_env.sample_scenarios(task_of(env_id), config=config, seed=seed, n=episodes)
+
+
+def task_of(env_id: str) -> str:
+    """Return the name of the defaults that an environment id stands for."""
+    return str(gym.spec(env_id).kwargs["task"])

@@ -1,0 +1,215 @@
+"""Flying policies over the same episodes and recording what the engine's evaluator says.
+
+Laws and learned policies are flown by the engine from end to end (``drm_env.rollout``), a law at
+its own sampling period, a policy at the period it was trained with; any other policy through
+``gymnasium.make_vec``. Episode i is in all cases the one that the environment flies after
+``reset(seed=seed + i)``, so that all rows are paired. Metrics come from the engine's states, never
+from a policy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import drm_env
+from drm_baselines.evaluation.environments import scenarios_of, task_of
+from drm_baselines.evaluation.records import Episodes
+from drm_baselines.policies.compatibility import check_period
+from drm_baselines.policies.law_policy import LAW_PERIOD, LawPolicy, Policy
+from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.support.seeds import episode_seeds
+
+Progress = Callable[[int, int], None]
+"""Called with (done, total) while episodes are flown."""
+
+_CHUNK = 256
+
+
+def _context(scenarios: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[np.float64]]:
+    """The drawn numbers that differ between the scenarios or matter in every table."""
+
+    def flatten(node: Any, path: str, into: dict[str, float]) -> None:
+        if isinstance(node, Mapping):
+            for name, item in node.items():
+                flatten(item, f"{path}.{name}" if path else name, into)
+        elif isinstance(node, (int, float)) and not isinstance(node, bool):
+            into[path] = float(node)
+
+    rows: list[dict[str, float]] = []
+    for scenario in scenarios:
+        row: dict[str, float] = {}
+        flatten(scenario, "", row)
+        rows.append(row)
+    shared = [name for name in rows[0] if all(name in row for row in rows)]
+    columns = {name: np.array([row[name] for row in rows]) for name in shared}
+    always = ("payload.mass", "reported_payload.mass", "mass_error", "slew.angle")
+    return {
+        name: values
+        for name, values in columns.items()
+        if name in always or np.any(values != values[0])
+    }
+
+
+def fly_law(
+    law: Mapping[str, Any],
+    config: drm_env.EnvConfig,
+    *,
+    env_id: str,
+    seed: int,
+    episodes: int,
+    label: str | None = None,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Fly a control law in the engine, every ``scenario.sample_period`` seconds.
+
+    Parameters
+    ----------
+    law
+        The law as data, see ``drm_baselines.policies.registry.law_data``.
+    config, env_id
+        Where the scenarios are drawn from; its task (observation, reward) plays no part.
+    seed, episodes
+        Scenario i is what an environment of this configuration flies with ``seed + i``.
+    label
+        Name in tables; the law's by default.
+    progress
+        Called with (done, total).
+
+    Warns
+    -----
+    PolicyWarning
+        Another sample period than the one that the laws' gains belong to.
+    """
+    seeds = episode_seeds(seed, episodes)
+    scenarios = scenarios_of(env_id, config, seed, episodes)
+    if law["name"] != "none":
+        period = float(config.scenario.sample_period)
+        check_period(label or str(law["name"]), LAW_PERIOD, period)
+    metrics = drm_env.rollout(scenarios, law=dict(law), progress=progress)
+    return Episodes(
+        label=label or str(law["name"]),
+        control_period=float(config.scenario.sample_period),
+        seeds=seeds,
+        # A flight without a task pays no reward, and a return of zero would look like one.
+        metrics={
+            name: np.asarray(values, dtype=np.float64)
+            for name, values in metrics.items()
+            if name != "episode_return"
+        },
+        context=_context(scenarios),
+        details={"law": dict(law)},
+    )
+
+
+def fly_policy(
+    policy: Policy,
+    env_id: str,
+    config: drm_env.EnvConfig,
+    *,
+    seed: int,
+    episodes: int,
+    label: str,
+    details: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Fly any policy, one episode a seed.
+
+    A ``NetworkPolicy`` is flown by the engine; anything else through ``gymnasium.make_vec``.
+
+    Parameters
+    ----------
+    policy
+        Anything with Stable-Baselines3's ``predict``.
+    env_id, config
+        The environment; its control period is what the policy acts at.
+    seed, episodes
+        Episode i is that of ``reset(seed=seed + i)``.
+    label
+        Name in tables.
+    details
+        What identifies the policy, for the records.
+    progress
+        Called with (finished, total) episodes.
+
+    Raises
+    ------
+    PolicyError
+        The policy does not fit the environment.
+
+    Warns
+    -----
+    PolicyWarning
+        The environment asks at another period than the policy's own.
+    """
+    seeds = episode_seeds(seed, episodes)
+    scenarios = scenarios_of(env_id, config, seed, episodes)
+    if isinstance(policy, NetworkPolicy):
+        policy.check_task(config)
+    own = getattr(policy, "control_period", None)
+    if own is not None and getattr(policy, "name", None) != "none":
+        check_period(label, float(own), float(config.task.control_period))
+    # a subclass may decide otherwise than its network
+    if type(policy) is NetworkPolicy:
+        metrics: dict[str, NDArray[np.float64]] = drm_env.rollout(
+            scenarios,
+            policy=policy.network.engine(),
+            task=task_of(env_id),
+            config=config,
+            seed=seed,
+            progress=progress,
+        )
+    else:
+        parts: list[dict[str, NDArray[np.float64]]] = []
+        for first in range(0, episodes, _CHUNK):
+            count = min(_CHUNK, episodes - first)
+            parts.append(_fly_chunk(policy, env_id, config, seed + first, count))
+            if progress is not None:
+                progress(first + count, episodes)
+        metrics = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return Episodes(
+        label=label,
+        control_period=float(config.task.control_period),
+        seeds=seeds,
+        metrics=dict(metrics),
+        context=_context(scenarios),
+        details=details or {},
+    )
+
+
+def _fly_chunk(
+    policy: Policy, env_id: str, config: drm_env.EnvConfig, seed: int, count: int
+) -> dict[str, NDArray[np.float64]]:
+    env = gym.make_vec(env_id, num_envs=count, config=config)
+    try:
+        if isinstance(policy, LawPolicy):
+            policy = policy.acting_in(env)
+        observations, _ = env.reset(seed=seed)
+        starts = np.ones(count, dtype=np.bool_)
+        finished = np.zeros(count, dtype=np.bool_)
+        metrics: dict[str, NDArray[np.float64]] = {}
+        state = None
+        while not finished.all():
+            actions, state = policy.predict(
+                observations, state=state, episode_start=starts, deterministic=True
+            )
+            observations, _, terminated, truncated, info = env.step(actions)
+            starts = terminated | truncated
+            # Sub-environments that ended early are reset and fly on; only their first episode
+            # counts, or short episodes would weigh more.
+            ended = starts & ~finished
+            if ended.any():
+                for key, values in info.items():
+                    if key.startswith("metrics/"):
+                        column = metrics.setdefault(
+                            key.removeprefix("metrics/"), np.full(count, np.nan)
+                        )
+                        column[ended] = np.asarray(values, dtype=np.float64)[ended]
+                finished |= ended
+        return metrics
+    finally:
+        env.close()

@@ -1,0 +1,1 @@
+"""Optimal control: the convex programme of a manoeuvre and controllers that follow from it."""

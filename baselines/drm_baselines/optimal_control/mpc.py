@@ -1,0 +1,452 @@
+"""The adaptive receding-horizon controller: the bound's programme, solved while flying.
+
+It knows what any policy knows: measured outputs, the reference, the reported payload and the
+momentum of the wheels. It starts with the plan for the reported payload, finds the true one from
+the balance of angular momentum (:mod:`drm_baselines.optimal_control.kalman_filter`), and solves the
+convex programme again for that payload from where the arm is: when the payload turns out to be
+another one than planned for, and again and again while a wheel saturates ahead. Between two
+plans it flies the linear-quadratic feedback around the last one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import drm_env
+from drm_baselines.errors import BaselineError
+from drm_baselines.optimal_control.kalman_filter import MEASURED, Observer, measurement_noise
+from drm_baselines.optimal_control.quadratic_program import Programme, closed_loop, torque_limits
+from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
+from drm_baselines.support.processes import process_pool
+
+_Array = NDArray[np.float64]
+
+_LOST = 1e3  # rad, m and their rates: nothing that an arm could do
+
+# Units of the tip error and scales of the states for the solver, in the order in which they are
+# tried: the first is for manoeuvres that are possible.
+_SCALINGS = ((1.0, 1e-2), (0.3, 1e-4), (1.0, 1e-3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Receding:
+    """Settings of the controller.
+
+    Attributes
+    ----------
+    hold
+        Samples between two decisions.
+    smoothing
+        Tip error (m) that a change of a wheel's torque by its limit is worth in a plan.
+    authority
+        Share of the torque limits that a plan uses.
+    effort
+        Tip error (m) that a deviation from a plan's torque by the whole limit is worth: sets the
+        stiffness of the feedback around it.
+    sway
+        Tip error (m) that a rate of the tip's deflection of 1 m/s is worth in a plan, s: the slew
+        angle can hide a vibration from the tip, and should not.
+    doubt
+        Standard deviation of the reported mass's error, as a fraction.
+    disturbance
+        Torques that the model does not know, as a fraction of the wheels' limits, for the observer.
+    look
+        Decisions from one time to the next at which a new plan is considered.
+    tolerance
+        Relative change of the mass since the last plan at which there is a new one.
+    settling, known
+        The mass is taken for known after this time, s, once its standard deviation is below this
+        fraction.
+    period
+        Least time to the next plan while a wheel saturates ahead, s.
+    drift
+        Deviation of the tip from a plan at which there is a new one, m.
+    range
+        Largest relative error of the reported mass that is believed.
+    """
+
+    hold: int = 10
+    smoothing: float = 1.0e-4
+    authority: float = 0.998
+    effort: float = 1.0e-3
+    sway: float = 3.0e-4
+    doubt: float = 0.1
+    disturbance: float = 0.02
+    look: int = 2
+    tolerance: float = 2.0e-3
+    settling: float = 1.0
+    known: float = 1.0e-4
+    period: float = 1.0
+    drift: float = 5.0e-5
+    range: float = 0.25
+
+    def config(self, scenario: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the configuration of the environment in which a scenario is flown."""
+        period = drm_env.default_config().scenario.sample_period
+        return {
+            "scenario": dict(scenario),
+            "randomize": {"payload_mass": None, "mass_error": None},
+            "task": {
+                "control_period": self.hold * float(scenario.get("sample_period", period)),
+                "observe_payload": "reported",
+                "preview_times": [],
+            },
+        }
+
+
+def told(scenario: Mapping[str, Any], payload: Sequence[float]) -> dict[str, Any]:
+    """Return what is known of a manoeuvre beforehand, for the thesis plant at rest.
+
+    Parameters
+    ----------
+    scenario
+        Complete. Its true payload, mass error, initial state and plant are not looked at, only
+        whether the dimensions of the payload follow from its mass.
+    payload
+        Reported mass (kg), length and width (m).
+    """
+    kept = (
+        "arm", "slew", "deployment", "slew_motor", "dynamics", "integrator_step", "sample_period",
+        "horizon", "root_wheel", "tip_wheel",
+    )  # fmt: skip
+    known = {name: scenario[name] for name in kept}
+    mass, length, width = (float(value) for value in payload)
+    return {
+        **known,
+        "reported_payload": {"mass": mass, "length": length, "width": width},
+        "payload": {
+            "inertia": scenario["payload"]["inertia"],
+            "mass": mass,
+            **{
+                name: value
+                for name, value in (("length", length), ("width", width))
+                if scenario["payload"][name] is not None
+            },
+        },
+    }
+
+
+def swaying(model: drm_env.Transitions, sway: float) -> drm_env.Transitions:
+    """Return a model of the thesis plant with one more sample of the error an interval.
+
+    It is ``sway`` (s) times the rate of the tip's deflection at the instant, which so has its price
+    in programme and feedback.
+    """
+    count, samples = model.error_offset.shape
+    # alpha and beta are half the deflections; one sample counts for all of them
+    row = np.zeros((count, 1, 6))
+    row[..., 4:] = 2.0 * sway * np.sqrt(samples)
+    return model._replace(
+        error_state=np.concatenate([model.error_state, row], axis=1),
+        error_input=np.concatenate([model.error_input, np.zeros((count, 1, 2))], axis=1),
+        error_offset=np.concatenate([model.error_offset, np.zeros((count, 1))], axis=1),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    """From instant ``first`` on: torques (N m), states, gains (fractions), saturation."""
+
+    first: int
+    held: _Array
+    states: _Array
+    gains: _Array
+    saturated: NDArray[np.int8]
+
+
+class Controller:
+    """One flight of the controller.
+
+    Parameters
+    ----------
+    known
+        From :func:`told`.
+    sensors
+        The sensors' data sheet, as in a scenario.
+    settings
+        See :class:`Receding`.
+
+    Attributes
+    ----------
+    plans
+        Plans made so far.
+    mass
+        Mass that the last was made for, kg.
+    """
+
+    def __init__(
+        self, known: Mapping[str, Any], sensors: Mapping[str, Any], settings: Receding
+    ) -> None:
+        self._known, self._settings = known, settings
+        self._sample = float(known["sample_period"])
+        delay = round(float(sensors.get("delay", 0.0)) / self._sample)
+        if delay > settings.hold:
+            raise BaselineError(
+                f"sensors.delay must be at most {settings.hold * self._sample:g} s, the time "
+                f"between two decisions, got {sensors['delay']!r}"
+            )
+        self._delay, self._noise = delay, measurement_noise(sensors)
+        self._limits = torque_limits(known)
+        layout = drm_env.observation_layout(config=settings.config({}))
+        self._entries = {entry.name: (at, entry.scale) for at, entry in enumerate(layout)}
+        self._instant = 0
+        self._seen: list[tuple[_Array, _Array]] = []
+        self._momentum = np.zeros(2)
+        self._plan: _Plan | None = None
+        self._settled = False
+        # An observer whose model does not hold may come to anything: then there is no torque.
+        self._lost = False
+        self.plans = 0
+        self._reported = float(known["reported_payload"]["mass"])
+        self._take(self._reported)
+
+    def _take(self, mass: float) -> None:
+        """Model the arm with a payload of this mass (kg) and look at the whole flight anew."""
+        change = 0.01
+        hold, rest = self._settings.hold, np.zeros((2, 6))
+        fine, heavier = (
+            drm_env.transitions(
+                {**self._known, "payload": {**self._known["payload"], "mass": some}}, hold=1
+            )
+            for some in (mass, (1.0 + change) * mass)
+        )
+        self.mass = mass
+        self._model = closed_loop(fine, rest, hold)
+        self.observer = Observer(
+            fine,
+            self._model,
+            closed_loop(heavier, rest, hold),
+            change,
+            noise=self._noise,
+            delay=self._delay,
+            unknown=self._settings.disturbance * self._limits,
+            error=self._reported / mass - 1.0 if mass > 0.0 else 0.0,
+            doubt=self._settings.doubt,
+        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            for measured, torque in self._seen:
+                self.observer.look(measured, torque)
+
+    def identified(self) -> float:
+        """Return the present estimate of the mass, kg."""
+        low, high = ((1.0 + s * self._settings.range) * self._reported for s in (-1.0, 1.0))
+        return min(max(self.mass * (1.0 + self.observer.error), low), high)
+
+    def _replan(self) -> None:
+        """Solve the programme from here; an unsolved one leaves the last plan in force."""
+        settings, k = self._settings, self._instant
+        limits, law = self._limits, np.zeros((2, 6))
+        later = {
+            name: values[k:] for name, values in self._model._asdict().items() if name != "start"
+        }
+        model = swaying(drm_env.Transitions(start=self.observer.state, **later), settings.sway)
+        for unit, scale in _SCALINGS:
+            held, states, solved = Programme(
+                model,
+                limits,
+                smoothing=np.full(2, settings.smoothing),
+                authority=settings.authority,
+                unit=unit,
+                scale=scale,
+            ).solve(model.error_offset)
+            if solved:
+                break
+        else:
+            return
+        saturated = saturation(held, states, law, limits, settings.authority)
+        self._plan = _Plan(
+            first=k,
+            held=held,
+            states=states,
+            gains=feedback_around(model, limits, law, saturated, settings.effort),
+            saturated=saturated,
+        )
+        self.plans += 1
+
+    def _due(self) -> bool:
+        """Whether to plan anew now; a mass that has moved is taken."""
+        settings, k = self._settings, self._instant
+        if self._plan is None or k % settings.look:
+            return k == 0
+        if not self._settled:
+            mass, doubt = self.identified(), self.observer.doubt
+            time = k * settings.hold * self._sample
+            self._settled = time > settings.settling and doubt < settings.known
+            least = 0.1 * settings.tolerance if self._settled else max(settings.tolerance, doubt)
+            moved = abs(mass - self.mass) > least * self.mass
+            if moved:
+                self._take(mass)
+                if not np.isfinite(self.observer.state).all():
+                    self._lost = True
+                    return False
+            if self._settled:
+                self.observer.settle()
+            if moved:
+                return True
+        at = k - self._plan.first
+        if at * settings.hold * self._sample < settings.period - 1e-9:
+            return False
+        ahead = bool(self._plan.saturated[at:].any())
+        astray = self._model.error_state[k, 0] @ (self.observer.state - self._plan.states[at])
+        return ahead and abs(float(astray)) > settings.drift
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the action for an observation: torques as fractions of the limits, shape (2,)."""
+        value = {
+            name: float(observation[at]) * scale for name, (at, scale) in self._entries.items()
+        }
+        settings = self._settings
+        momentum = np.array([value["root_momentum"], value["tip_momentum"]])
+        torque = (self._momentum - momentum) / (settings.hold * self._sample)
+        self._momentum = momentum
+        # what is measured is late, the reference that it is held against is not
+        late = self._delay * self._sample if self._instant else 0.0
+        accel = value["reference_accel"]
+        since = np.zeros(6)
+        since[[0, 3]] = (value["reference_rate"] - 0.5 * accel * late) * late, accel * late
+        measured = since[list(MEASURED)] + [
+            value["slew_error"],
+            0.5 * value["link2_deflection"],
+            value["slew_error_rate"],
+            0.5 * value["link2_deflection_rate"],
+        ]
+        if self._lost:
+            return np.zeros(2, dtype=np.float32)
+        self._seen.append((measured, torque))
+        with np.errstate(over="ignore", invalid="ignore"):
+            state = self.observer.look(measured, torque)
+        if not (np.abs(state) < _LOST).all():
+            self._lost = True
+            return np.zeros(2, dtype=np.float32)
+        if self._due():
+            self._replan()
+            state = self.observer.state
+        fractions = np.zeros(2)
+        if self._plan is not None:
+            at = self._instant - self._plan.first
+            fractions = self._plan.held[at] / self._limits + self._plan.gains[at] @ (
+                state - self._plan.states[at]
+            )
+        self._instant += 1
+        return np.clip(fractions, -1.0, 1.0).astype(np.float32)
+
+
+def fly_one(
+    scenario: Mapping[str, Any], seed: int = 0, settings: Receding | None = None
+) -> dict[str, float]:
+    """Fly one scenario; return the engine's metrics and ``plans``, the number of solved programmes.
+
+    Parameters
+    ----------
+    scenario
+        As for ``drm_env.rollout``.
+    seed
+        Of the sensors' noise.
+    settings
+        By default those of the benchmark.
+
+    Raises
+    ------
+    drm_env.ConfigError
+        A scenario that cannot be flown.
+    BaselineError
+        Measurements that are later than an interval.
+    """
+    settings = Receding() if settings is None else settings
+    env = drm_env.DrmVectorEnv(1, config=settings.config(scenario), num_threads=1)
+    try:
+        observations, _ = env.reset(seed=[seed])
+        whole = asdict(env.config.scenario)
+        payload = [
+            float(observations[0, place]) * entry.scale
+            for place, entry in enumerate(env.observation_layout)
+            if entry.name in ("payload_mass", "payload_length", "payload_width")
+        ]
+        controller = Controller(told(whole, payload), whole["sensors"], settings)
+        while True:
+            actions = controller.act(observations[0])[None]
+            observations, _, terminated, truncated, info = env.step(actions)
+            if terminated[0] or truncated[0]:
+                break
+    finally:
+        env.close()
+    prefix = "metrics/"
+    metrics = {
+        name.removeprefix(prefix): float(values[0])
+        for name, values in info.items()
+        if name.startswith(prefix) and name != f"{prefix}episode_return"
+    }
+    return {**metrics, "plans": float(controller.plans)}
+
+
+def fly_all(
+    scenarios: Sequence[Mapping[str, Any]],
+    *,
+    seeds: Sequence[int] | None = None,
+    settings: Receding | None = None,
+    processes: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, _Array]:
+    """Fly many scenarios side by side; the numbers do not depend on the number of processes.
+
+    Parameters
+    ----------
+    scenarios, settings
+        See :func:`fly_one`.
+    seeds
+        Of the sensors' noise, one a scenario; by default their places.
+    processes
+        How many at a time; by default one a processor. With more than one, scripts need the usual
+        guard of their main module.
+    progress
+        Called with (done, total).
+
+    Returns
+    -------
+    metrics
+        The engine's metrics by name and ``plans``, the number of programmes that were solved, each
+        of shape (len(scenarios),).
+
+    Raises
+    ------
+    BaselineError
+        No scenarios, seeds that do not fit, or a scenario that cannot be flown, with its place.
+    """
+    if not scenarios:
+        raise BaselineError("scenarios: there is none to fly")
+    seeds = range(len(scenarios)) if seeds is None else seeds
+    if len(seeds) != len(scenarios):
+        raise BaselineError(f"seeds: {len(seeds)} of them for {len(scenarios)} scenarios")
+    if processes is not None and processes < 1:
+        raise BaselineError(f"processes must be at least 1, got {processes!r}")
+    count = min(processes or os.cpu_count() or 1, len(scenarios))
+    jobs = [
+        (dict(scenario), seed, settings) for scenario, seed in zip(scenarios, seeds, strict=True)
+    ]
+    rows: list[dict[str, float]] = []
+
+    def keep(found: Iterator[dict[str, float]]) -> None:
+        for index in range(len(jobs)):
+            try:
+                rows.append(next(found))
+            except (BaselineError, drm_env.ConfigError) as error:
+                raise BaselineError(f"scenarios[{index}]: {error}") from error
+            if progress is not None:
+                progress(index + 1, len(jobs))
+
+    if count == 1:
+        keep(map(_job, jobs))
+    else:
+        with process_pool(count) as pool:
+            keep(pool.map(_job, jobs))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _job(job: tuple[Mapping[str, Any], int, Receding | None]) -> dict[str, float]:
+    return fly_one(*job)

@@ -1,0 +1,116 @@
+"""Name, title, colour, line and marker of every policy: the one place that says them.
+
+Commands take the names, tables and pictures show the titles, and a policy has the same colour, line
+and marker in every picture. Colours are those of Okabe and Ito, which stay apart for the
+colour-blind; policies of one family share a colour and differ in line and marker.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drm_baselines.support.palette import OKABE_ITO
+
+_DOTS = (0, (1, 1.5))
+_DASH_DOTS = (0, (6, 1, 1, 1, 1, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyName:
+    """How a policy is called and drawn.
+
+    Attributes
+    ----------
+    name
+        In commands and files.
+    title
+        In tables and pictures.
+    colour, line, marker
+        In pictures, as matplotlib takes them.
+    """
+
+    name: str
+    title: str
+    colour: str
+    line: Any = "-"
+    marker: str = "o"
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """Colour, line style and marker as matplotlib's keywords."""
+        return {"color": self.colour, "linestyle": self.line, "marker": self.marker}
+
+
+def _all(*rows: tuple[str, str, str, Any, str]) -> dict[str, PolicyName]:
+    return {
+        name: PolicyName(name=name, title=title, colour=OKABE_ITO[colour], line=line, marker=marker)
+        for name, title, colour, line, marker in rows
+    }
+
+
+POLICIES = _all(
+    ("bound", "bound", "black", "-", "8"),
+    ("none", "open loop", "grey", "-", "X"),
+    ("linear", "linear law", "blue", "-", "o"),
+    ("lyapunov", "Lyapunov law", "orange", "-", "^"),
+    ("linear_tuned", "linear law, retuned", "blue", "--", "s"),
+    ("lyapunov_tuned", "Lyapunov law, retuned", "orange", "--", "v"),
+    ("lqr", "LQR, scheduled and tuned", "blue", _DOTS, "D"),
+    ("receding", "adaptive receding horizon", "green", "-", "P"),
+    ("dagger", "imitation and gradient, residual", "vermilion", "-", "*"),
+    ("ppo", "PPO, residual on the linear law", "purple", "-", "<"),
+    ("sac", "SAC, residual on the linear law", "sky blue", "-", ">"),
+    ("ppo_direct", "PPO end to end", "purple", "--", "p"),
+    ("sac_direct", "SAC end to end", "sky blue", "--", "h"),
+)
+"""Every policy by name, in the order of tables."""
+
+_BY_TITLE = {entry.title: entry for entry in POLICIES.values()}
+
+# For policies that have no name: runs of one's own. None of them is drawn as a policy above.
+_OTHERS = tuple(
+    (OKABE_ITO[colour], line, marker)
+    for line, marker in ((_DASH_DOTS, "d"), ("-.", "H"))
+    for colour in ("vermilion", "green", "purple", "sky blue")
+)
+
+
+def title_of(name: str) -> str:
+    """Return the title of a policy, or ``name`` itself where it has none."""
+    entry = POLICIES.get(name)
+    return name if entry is None else entry.title
+
+
+def styles(labels: Sequence[str]) -> list[dict[str, Any]]:
+    """Return colour, line style and marker for each of the labels of a picture.
+
+    Parameters
+    ----------
+    labels
+        Names or titles of policies. Anything else, such as a training run, gets a style that no
+        policy has: by its label, so that it is the same in every picture, unless another label of
+        this picture has that already.
+
+    Returns
+    -------
+    list of dict
+        Keywords of matplotlib: ``color``, ``linestyle``, ``marker``.
+    """
+    found = []
+    free = list(range(len(_OTHERS)))
+    for label in labels:
+        entry = POLICIES.get(label) or _BY_TITLE.get(label)
+        if entry is not None:
+            found.append(entry.style)
+            continue
+        place = zlib.crc32(label.encode()) % len(_OTHERS)
+        if free and place not in free:
+            place = free[0]
+        if place in free:
+            free.remove(place)
+        colour, line, marker = _OTHERS[place]
+        found.append({"color": colour, "linestyle": line, "marker": marker})
+    return found

@@ -1,0 +1,125 @@
+"""Policies by name: what ``make_policy`` and the commands know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import drm_env
+from drm_baselines.errors import PolicyError
+from drm_baselines.policies.compatibility import (
+    check_environment,
+    check_period,
+    config_of,
+    decision_period,
+)
+from drm_baselines.policies.gains import TUNED, load_gains
+from drm_baselines.policies.law_policy import LawPolicy
+from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.policies.policy_file import load_policy
+
+LAWS = ("none", "linear", "lyapunov")
+"""Control laws by name: open loop, linear and Lyapunov-based feedback."""
+
+LEARNED = "learned"
+"""Name of the learned policy that comes with the package."""
+
+
+def law_data(name: str, **parameters: Any) -> dict[str, Any]:
+    """Return a law as data for the engine, after checking that the name exists.
+
+    Raises
+    ------
+    PolicyError
+        No law of this name, the message lists what exists; or parameters for tuned gains.
+    """
+    if name in TUNED:
+        if parameters:
+            raise PolicyError(
+                f"the gains of {name!r} are those of drm tune: {sorted(parameters)[0]!r} cannot be "
+                "given"
+            )
+        return dict(load_gains(TUNED[name])["law"])
+    if name not in LAWS:
+        if name == LEARNED:
+            raise PolicyError(
+                "'learned' is a network and no law: make_policy('learned') loads the one that "
+                "comes with the package, drm_baselines.load_policy(directory) any other"
+            )
+        raise PolicyError(f"no policy {name!r}; there are {', '.join((*LAWS, *TUNED, LEARNED))}")
+    return {"name": name, **parameters}
+
+
+def make_policy(
+    name: str,
+    *,
+    env: Any = None,
+    config: drm_env.EnvConfig | Mapping[str, Any] | str | Path | None = None,
+    **law_parameters: Any,
+) -> LawPolicy | NetworkPolicy:
+    """Make a policy that acts on observations. No torch is imported.
+
+    Parameters
+    ----------
+    name
+        ``"none"`` (open loop, or the environment's inner law alone), ``"linear"`` or
+        ``"lyapunov"`` with the thesis' gains; ``"lqr"``, ``"linear_tuned"`` or
+        ``"lyapunov_tuned"`` with those of ``drm tune``; ``"learned"``, the network that comes
+        with the package, which acts in the task of its ``config``.
+    env
+        The environment it will act in: single, vector or Stable-Baselines3. A law then divides by
+        the torque limits of the very episodes that are flown; wrappers that change observations
+        or actions are refused.
+    config
+        Its configuration, instead of ``env``; without either, that of ``drm_env/Slew-v0``. The
+        observations alone are then checked.
+    **law_parameters
+        Gains other than the thesis', such as ``tip=None`` or ``root={"angle_gain": 4e3}``.
+
+    Raises
+    ------
+    PolicyError
+        Unknown name, or a policy that cannot act in this environment.
+    drm_env.ConfigError
+        Impossible gains or configuration.
+
+    Warns
+    -----
+    PolicyWarning
+        The environment asks at another period than the policy's own, such as a law at 100 Hz.
+    """
+    if env is not None and config is not None:
+        raise PolicyError("give env or config, not both")
+    if name == LEARNED:
+        return _learned(env, config, law_parameters)
+    law = law_data(name, **law_parameters)
+    if env is not None:
+        resolved = config_of(env)
+    elif isinstance(config, drm_env.EnvConfig):
+        resolved = config
+    else:
+        resolved = drm_env.DrmEnv(config=config).config
+    policy = LawPolicy(law, resolved, env)
+    if name != "none":
+        check_period(name, policy.control_period, decision_period(env, resolved))
+    return policy
+
+
+def shipped_policy() -> Path:
+    """Return the directory of the learned policy that comes with the package."""
+    return Path(str(resources.files("drm_baselines") / "learned" / "dagger" / "seed_0"))
+
+
+def _learned(env: Any, config: Any, parameters: Mapping[str, Any]) -> NetworkPolicy:
+    if parameters:
+        raise PolicyError(f"'learned' has no parameter {sorted(parameters)[0]!r}")
+    policy = load_policy(shipped_policy())
+    if env is not None or config is not None:
+        resolved = config_of(env) if env is not None else drm_env.DrmEnv(config=config).config
+        if env is not None:
+            check_environment(env, resolved)
+        policy.check_task(resolved)
+        check_period(LEARNED, policy.control_period, decision_period(env, resolved))
+    return policy

@@ -1,0 +1,1 @@
+"""Reinforcement learning: PPO and SAC of Stable-Baselines3 on batches of environments."""

@@ -1,0 +1,1 @@
+"""The engine's step written a second time: in C, with NumPy and with numba."""

@@ -1,0 +1,1 @@
+"""What every room uses: files, memory, processes, signals, pictures, seeds."""

@@ -1,0 +1,76 @@
+"""What all pictures have in common: figures without global state, the palette, saving.
+
+Figures are made with matplotlib's own classes and never with ``pyplot``, so that neither importing
+this package nor drawing with it touches the backend that a notebook or a script has chosen.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from drm_baselines.support import storage
+from drm_baselines.support.palette import OKABE_ITO
+
+SEQUENCE = tuple(
+    OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky blue")
+)
+"""Colours of lines that are no policies, in order."""
+
+LINES = ("-", "--", "-.", ":")
+"""Line styles, in order."""
+
+
+def subplots(
+    rows: int = 1, columns: int = 1, *, size: tuple[float, float], **options: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """Return an empty figure and its axes.
+
+    Parameters
+    ----------
+    rows, columns
+        How many axes below and beside each other.
+    size
+        Width and height, inches.
+    **options
+        As for ``matplotlib.figure.Figure.subplots``, such as ``sharex=True``.
+
+    Returns
+    -------
+    figure, axes
+        Axes as an array of shape (rows, columns).
+    """
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
+
+
+def single(*, size: tuple[float, float]) -> tuple[Figure, Axes]:
+    """Return an empty figure of ``size`` inches with one pair of axes."""
+    figure, axes = subplots(size=size)
+    axis: Axes = axes[0, 0]
+    return figure, axis
+
+
+def plain_log(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers; call it when everything is drawn."""
+    low, high = axis.get_view_interval()
+    narrow = low > 0.0 and high < 300.0 * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def save_figure(figure: Figure, path: Path, *, overwrite: bool) -> Path:
+    """Write a figure under a temporary name and rename it; return ``path``."""
+    with storage.atomic_path(path, overwrite=overwrite) as temporary:
+        figure.savefig(temporary, dpi=130)
+    return path

@@ -1,0 +1,196 @@
+"""Writing results so that an interruption never leaves half a file, and never over old ones.
+
+Each file is written to a temporary name in the same folder and renamed when it is complete.
+Existing files are only replaced when the caller says so. Numbers that JSON does not know (NaN,
+infinity) become null, so that any JSON reader can load the files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drm_baselines.errors import ExistingResultError, RunError, WriteError
+
+
+def refuse(path: Path) -> NoReturn:
+    """Raise the error for a result that is there already."""
+    raise ExistingResultError(f"{path} exists already; give --force or another place")
+
+
+@contextlib.contextmanager
+def atomic_path(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Yield a temporary path with the same suffix; rename it to ``path`` on success.
+
+    Raises
+    ------
+    ExistingResultError
+        ``path`` exists and ``overwrite`` is false.
+    WriteError
+        The system refuses: no room, no permission. What was in ``path`` is still there.
+    """
+    if path.exists() and not overwrite:
+        refuse(path)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.stem[:100]}-", suffix=path.suffix or ".tmp"
+        )
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            # mkstemp makes files private to the user; results are ordinary files.
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the system refuses into an error that names ``path``.
+
+    Raises
+    ------
+    WriteError
+        No room, no permission, no such place.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise WriteError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def write_text(path: Path, text: str, *, overwrite: bool = False) -> Path:
+    """Write ``text`` (UTF-8) to ``path`` in one rename; return ``path``."""
+    with atomic_path(path, overwrite=overwrite) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def plain(value: Any) -> Any:
+    """Return ``value`` as JSON can hold it: arrays to lists, NaN and infinity to ``None``."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def write_json(path: Path, content: Any, *, overwrite: bool = False) -> Path:
+    """Write ``content`` as indented JSON without NaN; return ``path``."""
+    text = json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
+    return write_text(path, text, overwrite=overwrite)
+
+
+def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], digest: str) -> Path:
+    """Write arrays to a NumPy archive without pickles, replacing an older one; return ``path``.
+
+    ``digest`` says what they were made with: see :func:`load_arrays`.
+    """
+    content: dict[str, Any] = {"digest": np.array(digest), **arrays}
+    with atomic_path(path, overwrite=True) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **content)
+    return path
+
+
+def load_arrays(path: Path, digest: str) -> dict[str, NDArray[Any]] | None:
+    """Read arrays back; none if the file is missing or was made with another ``digest``.
+
+    Raises
+    ------
+    RunError
+        The file is damaged.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if str(archive["digest"]) != digest:
+                return None
+            return {name: archive[name] for name in archive.files if name != "digest"}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise RunError(f"{path} cannot be read: {error}; delete it to make it anew") from error
+
+
+def check_directory(directory: Path, *, force: bool = False) -> None:
+    """Refuse a directory that :func:`claim_directory` refuses, without making it.
+
+    Raises
+    ------
+    ExistingResultError
+        The path is a file, or holds something already and ``force`` is false.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise ExistingResultError(f"{directory} is a file, not a directory")
+    if directory.is_dir() and any(directory.iterdir()) and not force:
+        raise ExistingResultError(
+            f"{directory} is not empty; give --force to replace its files, or another directory"
+        )
+
+
+def claim_directory(directory: Path, *, force: bool = False) -> Path:
+    """Make ``directory`` for new results; an existing one must be empty or ``force`` given.
+
+    Raises
+    ------
+    ExistingResultError
+        The path is a file, or holds something already.
+    WriteError
+        It cannot be made, or nothing can be written there.
+    """
+    check_directory(directory, force=force)
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    return directory
+
+
+def claim_file(path: Path, *, force: bool = False) -> Path:
+    """Check, before long work, that ``path`` can be written when it is done; return ``path``.
+
+    Raises
+    ------
+    ExistingResultError
+        The path is a directory, or a file is there and ``force`` is not given.
+    WriteError
+        Nothing can be written there.
+    """
+    if path.is_dir():
+        raise ExistingResultError(f"{path} is a directory, not a file")
+    if path.exists() and not force:
+        refuse(path)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    return path
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 digest of a file as hexadecimal text."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,1 @@
+"""Searches with Optuna: gains of control laws and settings of learning."""

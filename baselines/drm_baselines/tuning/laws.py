@@ -1,0 +1,244 @@
+"""Searching the gains of a control law.
+
+A law flies manoeuvres drawn like those of a suite, but from seeds of training, never the suite's
+own, and is judged by the interquartile mean of the tip error.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import drm_env
+from drm_baselines import suites
+from drm_baselines.errors import BaselineError
+from drm_baselines.evaluation.statistics import interquartile_mean
+from drm_baselines.optimal_control import scheduled_lqr
+from drm_baselines.support import storage
+from drm_baselines.support.reading import read_table
+from drm_baselines.support.seeds import TUNING_SEED
+
+if TYPE_CHECKING:
+    pass
+from drm_baselines.policies.gains import FORMAT, FORMAT_VERSION
+from drm_baselines.tuning.search import GAINS_FILE, TRIALS_FILE, Search, origin
+from drm_baselines.tuning.space import GAINS, Dimension, check_target
+from drm_baselines.tuning.trials import (
+    LOST,
+    METRIC,
+    Outcome,
+    Progress,
+    UnfitError,
+    Verdict,
+    best_of,
+    budget_of,
+    silent,
+    summary_of,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawRequest:
+    """Which law to tune, on how many manoeuvres like those of which suite, with how many trials."""
+
+    law: str
+    suite: str = "robust"
+    scenarios: int = 400
+    trials: int = 200
+    seed: int = 0
+
+    @property
+    def command(self) -> str:
+        """The command that makes the search anew."""
+        return (
+            f"drm tune {self.law} --suite {self.suite} --scenarios {self.scenarios} "
+            f"--trials {self.trials} --seed {self.seed}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draw:
+    """Manoeuvres of training: scenarios, their strata with first seed and number, and a digest."""
+
+    scenarios: Sequence[Mapping[str, Any]]
+    strata: Sequence[Mapping[str, Any]]
+    digest: str
+
+
+def law_of(name: str, parameters: Mapping[str, float]) -> dict[str, Any]:
+    """Return a law as data for the engine from the parameters that are searched.
+
+    Raises
+    ------
+    BaselineError
+        No such law, or weights that no regulator solves.
+    """
+    check_target(name, tuple(GAINS))
+    if name == "lqr":
+        # An ill-conditioned design is judged by how it flies.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            return scheduled_lqr.scheduled_law(parameters)
+    law: dict[str, Any] = {"name": name}
+    for path, value in parameters.items():
+        wheel, _, gain = path.partition(".")
+        law.setdefault(wheel, {})[gain] = value
+    return law
+
+
+def training_scenarios(suite: str, count: int) -> Draw:
+    """Draw manoeuvres from the distributions of a suite, on seeds of training.
+
+    Raises
+    ------
+    BaselineError
+        No such suite, one that lists its manoeuvres, or a number that its strata cannot share.
+    """
+    strata = suites.STRATA
+    if count < len(strata) or count % len(strata):
+        raise BaselineError(
+            f"scenarios must be a positive multiple of {len(strata)} (the strata), got {count}"
+        )
+    chosen, each = suites.suite_named(suite), count // len(strata)
+    scenarios: list[dict[str, Any]] = []
+    rows = []
+    for stratum, (title, _, _) in enumerate(strata):
+        first = TUNING_SEED + stratum * each
+        config = chosen.stratum_config(stratum)
+        scenarios += drm_env.sample_scenarios(config=config, seed=first, n=each)
+        rows.append({"name": title, "first_seed": first, "count": each})
+    text = json.dumps(storage.plain(scenarios), sort_keys=True, allow_nan=False)
+    return Draw(
+        scenarios=scenarios, strata=rows, digest=hashlib.sha256(text.encode()).hexdigest()
+    )  # fmt: skip
+
+
+def fly(law: Mapping[str, Any], scenarios: Sequence[Mapping[str, Any]]) -> Verdict:
+    """Fly a law and return the interquartile mean of its tip error in mm, and what that cost.
+
+    Raises
+    ------
+    drm_env.ConfigError
+        Impossible gains.
+    """
+    metrics = drm_env.rollout(scenarios, law=dict(law), seed=TUNING_SEED)
+    error = np.asarray(metrics[METRIC.name], dtype=np.float64)
+    lost = ~np.isfinite(error) | (np.asarray(metrics["diverged"]) > 0.0)
+    duration = np.asarray(metrics["duration"], dtype=np.float64)
+    steps = 0
+    for scenario, seconds in zip(scenarios, duration, strict=True):
+        period = scenario["sample_period"]
+        substeps = math.ceil(period / scenario["integrator_step"] - 1e-9)
+        steps += round(seconds / period) * max(1, substeps)
+    return Verdict(
+        value=interquartile_mean(np.where(lost, LOST, error)) * METRIC.scale,
+        cost={
+            "episodes": len(scenarios),
+            "diverged": int(lost.sum()),
+            "simulated_seconds": float(duration.sum()),
+            "integrator_steps": steps,
+        },
+    )
+
+
+def tune_law(
+    directory: Path,
+    request: LawRequest,
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Search the gains of a law, or go on with a search, and write the best law found.
+
+    Parameters
+    ----------
+    directory
+        Of the search; one that holds the same search goes on with the missing trials.
+    request
+        What is searched.
+    force
+        Whether to start anew in a directory that is not empty.
+    progress
+        Called after each trial.
+
+    Raises
+    ------
+    BaselineError
+        Unknown names, a directory of another search, or no trial that could be flown.
+    ExistingResultError
+        The directory holds something else.
+    """
+    space = GAINS[check_target(request.law, tuple(GAINS))]
+    draw = training_scenarios(request.suite, request.scenarios)
+
+    def judge(_: int, parameters: Mapping[str, Any]) -> Verdict:
+        try:
+            return fly(law_of(request.law, parameters), draw.scenarios)
+        except (BaselineError, drm_env.DrmError) as error:
+            raise UnfitError(str(error)) from error
+
+    search = Search(
+        directory=directory,
+        settings={
+            "law": request.law,
+            "suite": request.suite,
+            "scenarios": request.scenarios,
+            "seed": request.seed,
+            "space": [dimension.to_dict() for dimension in space],
+            "drawn scenarios": draw.digest,
+        },
+        space=space,
+        start=_start_of(space),
+        seed=request.seed,
+        label=request.law,
+    )
+    trials, found, interrupted = search.run(
+        request.trials, judge, force=force, progress=progress or silent
+    )
+    best = best_of(trials, request.law)
+    content = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "name": request.law,
+        "law": law_of(request.law, best.parameters),
+        **summary_of(trials, space, search.start),
+        "budget": budget_of(trials),
+        "scenarios": {
+            "suite": request.suite,
+            "count": request.scenarios,
+            "strata": list(draw.strata),
+            "sha256": draw.digest,
+        },
+        **origin(request.command, request.seed, space),
+    }
+    path = directory / GAINS_FILE
+    content = _kept(path, content)
+    storage.write_json(path, content, overwrite=True)
+    return Outcome(
+        content=content,
+        found=found,
+        interrupted=interrupted,
+        files=(path, directory / TRIALS_FILE),
+    )
+
+
+def _kept(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Return the result in ``path`` if it is the same, for it knows when it was made."""
+    try:
+        stored = read_table(path, "result of a search")
+    except BaselineError:
+        return content
+    same = {**stored, "provenance": None} == {**storage.plain(content), "provenance": None}
+    return stored if same else content
+
+
+def _start_of(space: Sequence[Dimension]) -> dict[str, float]:
+    return {each.name: each.start for each in space if each.start is not None}

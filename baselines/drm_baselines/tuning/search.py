@@ -1,0 +1,257 @@
+"""Tuning: the gains of the control laws, and the settings of learning, searched with Optuna.
+
+A law flies manoeuvres drawn like those of a suite, but from seeds of training, never the suite's
+own, and is judged by the interquartile mean of the tip error. A search lives in one directory:
+
+    settings.json   what is searched; a directory goes on only with the same
+    journal.log     Optuna's record of the trials
+    trials.csv      the trials as a table
+    gains.json      the best law (searches of gains)
+    best.toml       the best settings, for ``drm train --hyperparameters`` (searches of settings)
+    trial_NNN/      the training runs of a search of settings
+
+The draws of trial n depend on the seed, on n and on the trials before it alone, so that a search
+that was interrupted ends with the same digits as one that was not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drm_baselines.errors import BaselineError, ExistingResultError, missing_extra
+from drm_baselines.support import provenance, storage
+from drm_baselines.support.interruption import stop_on_signal
+from drm_baselines.support.reading import read_table, shown
+
+if TYPE_CHECKING:
+    from optuna.study import Study
+    from optuna.trial import FrozenTrial
+from drm_baselines.policies.gains import FORMAT_VERSION
+from drm_baselines.tuning.space import Dimension
+from drm_baselines.tuning.trials import (
+    Judge,
+    Progress,
+    StoppedError,
+    Trial,
+    UnfitError,
+    note_of,
+    write_trials,
+)
+
+SETTINGS_FORMAT = "drm-tuning"
+
+GAINS_FILE = "gains.json"
+BEST_FILE = "best.toml"
+TRIALS_FILE = "trials.csv"
+SETTINGS_FILE = "settings.json"
+JOURNAL_FILE = "journal.log"
+_LOCK_FILE = "lock"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """A search in its directory."""
+
+    directory: Path
+    settings: Mapping[str, Any]
+    space: Sequence[Dimension]
+    start: Mapping[str, Any]
+    seed: int
+    label: str
+
+    def run(
+        self, total: int, judge: Judge, *, force: bool, progress: Progress
+    ) -> tuple[list[Trial], int, bool]:
+        """Run the missing trials; return all, how many were there, and whether some are missing."""
+        optuna = _optuna()
+        begun = (self.directory / SETTINGS_FILE).is_file() and not force
+        if not begun:
+            storage.claim_directory(self.directory, force=force)
+        with _alone(self.directory), _quiet(optuna), stop_on_signal() as stop:
+            if begun:
+                self._check_settings()
+            else:
+                self._clear()
+                storage.write_json(
+                    self.directory / SETTINGS_FILE,
+                    {"format": SETTINGS_FORMAT, "format_version": FORMAT_VERSION, **self.settings},
+                    overwrite=True,
+                )
+            study = _open_study(optuna, self.directory / JOURNAL_FILE)
+            trials = _trials_of(study)
+            found = len(trials)
+            progress(self.label, found, total, note_of(trials))
+            try:
+                while len(trials) < total and not stop.is_set():
+                    self._one(optuna, study, len(trials), judge)
+                    trials = _trials_of(study)
+                    progress(self.label, len(trials), total, note_of(trials))
+            except (StoppedError, KeyboardInterrupt):
+                trials = _trials_of(study)
+            write_trials(self.directory / TRIALS_FILE, trials, self.space)
+        return trials, found, len(trials) < total
+
+    def _one(self, optuna: Any, study: Study, number: int, judge: Judge) -> None:
+        # A sampler of its own for each trial: what it draws does not depend on which process, after
+        # which interruption, draws it.
+        stream = np.random.SeedSequence([self.seed, number]).generate_state(1)
+        study.sampler = optuna.samplers.TPESampler(seed=int(stream[0]), multivariate=True)
+        if number == 0 and self.start:
+            study.enqueue_trial(dict(self.start), skip_if_exists=False)
+        trial = study.ask({each.name: _distribution(optuna, each) for each in self.space})
+        began = time.monotonic()
+        state = optuna.trial.TrialState
+        try:
+            verdict = judge(number, trial.params)
+        except UnfitError as error:
+            trial.set_user_attr("seconds", time.monotonic() - began)
+            trial.set_user_attr("reason", str(error))
+            study.tell(trial, state=state.PRUNED)
+        except BaseException:
+            study.tell(trial, state=state.FAIL)
+            raise
+        else:
+            trial.set_user_attr("seconds", time.monotonic() - began)
+            trial.set_user_attr("cost", dict(verdict.cost))
+            study.tell(trial, verdict.value)
+
+    def _check_settings(self) -> None:
+        path = self.directory / SETTINGS_FILE
+        stored = read_table(path, "record of a search")
+        if stored.pop("format", None) != SETTINGS_FORMAT:
+            raise ExistingResultError(f"{path} is not the record of a search; take another --out")
+        version = stored.pop("format_version", None)
+        if version != FORMAT_VERSION:
+            raise BaselineError(f"{path} has format version {shown(version)}, not {FORMAT_VERSION}")
+        wanted = storage.plain(dict(self.settings))
+        for name in [*wanted, *(name for name in stored if name not in wanted)]:
+            old, new = stored.get(name), wanted.get(name)
+            if old == new:
+                continue
+            short = all(isinstance(each, (str, int, type(None))) for each in (old, new))
+            digest = name == "drawn scenarios"
+            change = (
+                f"was begun with {name} {old!r}, not {new!r}"
+                if short and not digest
+                else f"differs from this one in its {name}"
+            )
+            raise BaselineError(
+                f"the search in {self.directory} {change}; give another --out, or --force to "
+                "start anew"
+            )
+
+    def _clear(self) -> None:
+        """Remove what an older search left, and nothing else."""
+        for name in (SETTINGS_FILE, JOURNAL_FILE, TRIALS_FILE, GAINS_FILE, BEST_FILE):
+            (self.directory / name).unlink(missing_ok=True)
+        for folder in self.directory.glob("trial_[0-9][0-9][0-9]"):
+            shutil.rmtree(folder)
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError as error:
+        raise missing_extra("tuning", "tune", error) from error
+    return optuna
+
+
+@contextlib.contextmanager
+def _quiet(optuna: Any) -> Iterator[None]:
+    before = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        yield
+    finally:
+        optuna.logging.set_verbosity(before)
+
+
+@contextlib.contextmanager
+def _alone(directory: Path) -> Iterator[None]:
+    """Refuse a second search in the same directory while one runs, where the system can tell."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (directory / _LOCK_FILE).open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise BaselineError(f"another search runs in {directory}") from None
+        yield
+
+
+def _open_study(optuna: Any, path: Path) -> Study:
+    if path.is_file():
+        # A process that was killed while it wrote leaves half a line, which Optuna refuses.
+        content = path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            storage.write_text(path, content[:whole].decode("utf-8"), overwrite=True)
+    journal = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(str(path)))
+    study: Study = optuna.create_study(
+        storage=journal, study_name="tune", direction="minimize", load_if_exists=True
+    )
+    # Trials that a killed process left unfinished do not count.
+    states = optuna.trial.TrialState
+    for _ in study.get_trials(deepcopy=False, states=(states.WAITING,)):
+        study.ask()
+    for trial in study.get_trials(deepcopy=False, states=(states.RUNNING,)):
+        study.tell(trial.number, state=states.FAIL)
+    return study
+
+
+def _trials_of(study: Study) -> list[Trial]:
+    """Return the trials that count, numbered without those that were interrupted."""
+    counted = [
+        trial
+        for trial in study.get_trials(deepcopy=False)
+        if trial.state.name in ("COMPLETE", "PRUNED")
+    ]
+    return [_trial_of(number, trial) for number, trial in enumerate(counted)]
+
+
+def _trial_of(number: int, trial: FrozenTrial) -> Trial:
+    return Trial(
+        number=number,
+        value=trial.value if trial.state.name == "COMPLETE" else None,
+        state=trial.state.name.lower(),
+        parameters=dict(trial.params),
+        seconds=float(trial.user_attrs.get("seconds", 0.0)),
+        cost=dict(trial.user_attrs.get("cost", {})),
+        reason=str(trial.user_attrs.get("reason", "")),
+    )
+
+
+def _distribution(optuna: Any, dimension: Dimension) -> Any:
+    kinds = optuna.distributions
+    if dimension.choices:
+        return kinds.CategoricalDistribution(dimension.choices)
+    if dimension.integer:
+        return kinds.IntDistribution(int(dimension.low), int(dimension.high), log=dimension.log)
+    return kinds.FloatDistribution(dimension.low, dimension.high, log=dimension.log)
+
+
+def origin(command: str, seed: int, space: Sequence[Dimension]) -> dict[str, Any]:
+    """Return how the search was made, where and with what."""
+    return {
+        "search": {
+            "sampler": "TPE, multivariate",
+            "optuna": _optuna().__version__,
+            "seed": seed,
+            "space": [
+                {**each.to_dict(), "reason": each.reason} for each in space
+            ],
+        },
+        "command": command,
+        "provenance": provenance.provenance(),
+    }  # fmt: skip
