@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import drm_env
 from drm_baselines.cli import app
-from drm_baselines.plots import plot_manoeuvres
+from drm_baselines.evaluation.plots import plot_manoeuvres
 
 CONSISTENT = {"plant": "consistent", "payload": {"mass": 700.0}, "horizon": 20.0}
 """Seven hundred kilograms throw the consistent plant away."""
@@ -122,7 +122,7 @@ def test_pictures_label_what_has_diverged(tmp_path: Path, monkeypatch: pytest.Mo
         seen.extend(text.get_text() for text in figure.axes[0].get_legend().get_texts())
         return path
 
-    monkeypatch.setattr("drm_baselines.plots.save_figure", look)
+    monkeypatch.setattr("drm_baselines.evaluation.plots.save_figure", look)
     plot_manoeuvres(flights, tmp_path / "picture.png", title="two")
     assert seen == ["heavy (diverged)", "calm", "reference"]
 
