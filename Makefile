@@ -64,7 +64,7 @@ docs: $(READY) ## API pages of the engine in target/doc
 
 .PHONY: clean
 clean: ## remove everything that was built, the virtual environment included
-	rm -rf target .venv dist site .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf target .venv dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	find python baselines tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/drm_env/_engine*.so python/drm_env/_engine*.pyd
 
