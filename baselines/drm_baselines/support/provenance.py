@@ -14,6 +14,7 @@ from typing import Any
 import drm_env
 
 _DISTRIBUTIONS = (
+    "drm-baselines",
     "numpy",
     "scipy",
     "gymnasium",
@@ -27,7 +28,6 @@ def versions() -> dict[str, str]:
     """Return the installed version of each package that can change a result."""
     found = {
         "drm-env": drm_env.__version__,
-        "drm-baselines": importlib.metadata.version("drm-baselines"),
         "python": platform.python_version(),
     }
     for name in _DISTRIBUTIONS:
