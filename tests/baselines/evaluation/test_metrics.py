@@ -88,7 +88,7 @@ def test_the_formulas_give_the_engines_numbers(scenario: dict[str, object], law:
 
 
 def test_the_page_says_what_the_package_says() -> None:
-    text = (Path(__file__).parents[1] / "docs" / "metrics.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "metrics.md").read_text(encoding="utf-8")
     rows = [
         [cell.strip().replace("\\|", "|") for cell in line.replace("\\|", "\0").split("|")[1:-1]]
         for line in text.splitlines()

@@ -33,7 +33,7 @@ from drm_baselines.thesis.results import judged
 from drm_baselines.thesis.statements import VALUES
 from drm_baselines.thesis.writing import COLUMNS, picture, table_text
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(__file__).parents[2] / "golden"
 
 # Schematics, block diagrams, a circuit and two plots of another author's arm are no flights.
 DRAWINGS = {"3.1", "3.11", "3.12", "4.4", "4.5", "4.30"}

@@ -165,7 +165,7 @@ def test_an_extra_that_is_missing_is_named_with_a_command_that_works() -> None:
 
 def test_no_error_recommends_a_package_that_is_not_published() -> None:
     for root in ("baselines/drm_baselines", "python/drm_env"):
-        for path in (Path(__file__).parents[1] / root).rglob("*.py"):
+        for path in (Path(__file__).parents[3] / root).rglob("*.py"):
             found = re.search(r"pip install '?drm[-_]\w+", path.read_text(encoding="utf-8"))
             assert found is None, (path, found)
 
