@@ -82,7 +82,7 @@ class _Forwarding(Loader):
 
 
 class _Finder(MetaPathFinder):
-    """Finds the old addresses; asked when nobody else has found a module."""
+    """Finds the old addresses; asked first: empty folders of old would pass for packages."""
 
     def find_spec(
         self,
@@ -100,4 +100,4 @@ class _Finder(MetaPathFinder):
 def install() -> None:
     """Make the old addresses importable; once a process."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
-        sys.meta_path.append(_Finder())
+        sys.meta_path.insert(0, _Finder())
