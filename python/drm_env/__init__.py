@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         ResetNeededError,
         SimulationError,
         SnapshotError,
+        UnknownOptionError,
     )
     from drm_env.law import ControlLaw
     from drm_env.metrics import METRIC_SYMBOLS, MetricEntry, episode_metrics
@@ -76,6 +77,7 @@ __all__ = [
     "Trajectory",
     "Transitions",
     "Uniform",
+    "UnknownOptionError",
     "__version__",
     "default_config",
     "episode_metrics",
@@ -102,6 +104,7 @@ _HOMES = {
         "ResetNeededError",
         "SimulationError",
         "SnapshotError",
+        "UnknownOptionError",
     ],
     "law": ["ControlLaw"],
     "metrics": ["METRIC_SYMBOLS", "MetricEntry", "episode_metrics"],

@@ -7,13 +7,16 @@ the form. Units are SI and radians throughout.
 from __future__ import annotations
 
 import dataclasses
+import decimal
+import difflib
 import json
 import math
+import numbers
 import os
 import tomllib
 import types
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -32,7 +35,7 @@ import numpy as np
 
 from drm_env import _engine
 from drm_env.distributions import distribution_to_data
-from drm_env.errors import ConfigError
+from drm_env.errors import ConfigError, UnknownOptionError
 
 if TYPE_CHECKING:
     from drm_env._config import EnvConfig
@@ -66,12 +69,51 @@ def option_names() -> dict[str, dict[str, Any]]:
 
 
 @cache
-def _randomizable() -> frozenset[str]:
+def randomizable() -> frozenset[str]:
+    """Names of the options that can be drawn for each episode and set at reset."""
     return frozenset(name for name, option in option_names().items() if option["randomizable"])
 
 
+@cache
+def known_options() -> frozenset[str]:
+    """Names of all options."""
+    return frozenset(option_names())
+
+
+def check_names(
+    names: Iterable[Any], known: frozenset[str], what: str = "keyword argument"
+) -> None:
+    """Refuses the first of ``names`` that is not ``known``, naming those that are spelt alike.
+
+    Raises
+    ------
+    UnknownOptionError
+        an unknown name.
+    """
+    for name in names:
+        if name in known:
+            continue
+        close = difflib.get_close_matches(str(name), sorted(known), n=3)
+        hint = f"did you mean {' or '.join(close)}?" if close else "see drm_env.option_names()"
+        raise UnknownOptionError(f"got an unexpected {what} {_short(name)}; {hint}")
+
+
+def _short(value: Any) -> str:
+    """``repr`` of a value that a user gave, cut to a line."""
+    try:
+        text = repr(value)
+    except ValueError:
+        # Python refuses to write integers of thousands of digits
+        text = f"a number of type {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+_DEEPEST = 32
+"""Levels that a value may be nested; the deepest configuration has 6."""
+
+
 def to_data(value: Any, path: str = "") -> Any:
-    """The JSON form of a value: NumPy scalars and arrays, tuples, enums and dataclasses included.
+    """The JSON form of a value: NumPy scalars and arrays, sequences, enums, dataclasses included.
 
     Parameters
     ----------
@@ -83,50 +125,98 @@ def to_data(value: Any, path: str = "") -> Any:
     Raises
     ------
     ConfigError
-        a number that is not finite, or a type without a JSON form.
+        a number that is not finite, a type without a JSON form, or too many levels.
     """
-    if value is None or isinstance(value, (bool, str, int)):
-        return value.value if isinstance(value, Enum) else value
-    if isinstance(value, np.generic):
-        return to_data(value.item(), path)
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise ConfigError(f"{path or 'value'} must be finite, got {value}")
-        return value
+    return _data(value, path, 0)
+
+
+def _data(value: Any, path: str, level: int) -> Any:
+    if level > _DEEPEST:
+        name = path if len(path) <= 80 else f"{path[:77]}..."
+        raise ConfigError(f"{name} is nested more than {_DEEPEST} levels deep")
     if isinstance(value, Enum):
-        return to_data(value.value, path)
+        return _data(value.value, path, level + 1)
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, (numbers.Number, np.generic, decimal.Decimal)):
+        return _number(value, path)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         shallow = {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}
-        return to_data(shallow, path)
+        return _data(shallow, path, level)
     if isinstance(value, Mapping):
         data = {}
         for key, item in value.items():
             if not isinstance(key, str):
-                raise ConfigError(f"{path or 'configuration'}: keys must be text, got {key!r}")
-            data[key] = to_data(item, f"{path}.{key}" if path else key)
+                raise ConfigError(
+                    f"{path or 'configuration'}: keys must be text, got {_short(key)}"
+                )
+            data[key] = _data(item, f"{path}.{key}" if path else key, level + 1)
         return distribution_to_data(data, path) if "distribution" in data else data
-    if isinstance(value, (list, tuple)):
-        return [to_data(item, f"{path}[{index}]") for index, item in enumerate(value)]
-    if isinstance(value, np.ndarray):
-        return to_data(value.tolist(), path)
+    if is_sequence(value):
+        if len(value) > _LONGEST:
+            raise ConfigError(
+                f"{path or 'value'} must have at most {_LONGEST} entries, got {len(value)}"
+            )
+        return [_data(item, f"{path}[{index}]", level + 1) for index, item in enumerate(value)]
+    if hasattr(type(value), "__array__"):
+        # arrays without dimension, and those of other libraries
+        array = np.asarray(value)
+        return _data(array[()] if array.ndim == 0 else array, path, level + 1)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise ConfigError(f"{path or 'value'}: cannot use a value of type {type(value).__name__}")
 
 
+_LONGEST = 100_000
+"""Entries that a sequence may have; the engine's own limits are lower."""
+
+
+def is_sequence(value: Any) -> bool:
+    """Whether a value is a sequence of values: a list, array, deque, range, ... but no text."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
+
+
+def _number(value: Any, path: str) -> bool | int | float | str:
+    """The Python number of whatever kind of number.
+
+    Raises
+    ------
+    ConfigError
+        not real, not finite, or too large for a double.
+    """
+    if isinstance(value, np.generic):
+        if value.dtype.kind not in "biufU":
+            raise ConfigError(f"{path or 'value'}: cannot use a value of type {value.dtype.name}")
+        if value.dtype.kind in "bU":
+            plain: bool | str = value.item()
+            return plain
+    if isinstance(value, (int, np.integer)) and abs(int(value)) < 2**63:
+        return int(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    except (TypeError, ValueError):
+        name = type(value).__name__
+        raise ConfigError(f"{path or 'value'}: cannot use a value of type {name}") from None
+    if not math.isfinite(number):
+        raise ConfigError(f"{path or 'value'} must be finite, got {_short(value)}")
+    return number
+
+
 def _draw_to_data(name: str, value: Any) -> Any:
-    """The JSON form of a randomizable option: a tuple is a range, a list is a set of choices."""
+    """The JSON form of what can be drawn: a tuple is a range, any other sequence are choices."""
     if isinstance(value, tuple):
         data = to_data(value, name)
         if len(data) != 2:
-            raise ConfigError(f"{name}: a tuple must be (low, high), got {value!r}")
+            raise ConfigError(f"{name}: a tuple must be (low, high), got {_short(value)}")
         return {"uniform": data}
-    if isinstance(value, (list, np.ndarray)):
+    if is_sequence(value):
         data = to_data(value, name)
-        if not isinstance(data, list):
-            return data
-        numbers = [item for item in data if isinstance(item, (int, float))]
-        if len(data) == 2 and len(numbers) == 2:
+        numbers_only = all(isinstance(item, (int, float)) for item in data)
+        if isinstance(value, (list, np.ndarray)) and len(data) == 2 and numbers_only:
             warnings.warn(
                 f"{name}={data} is taken as two choices; write a tuple {tuple(data)} for a range",
                 UserWarning,
@@ -141,11 +231,13 @@ def options_to_data(options: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises
     ------
+    UnknownOptionError
+        an unknown name.
     ConfigError
-        a value without a JSON form. Unknown names and impossible values are found
-        by the engine, see `resolve`.
+        a value without a JSON form. Impossible values are found by the engine, see `resolve`.
     """
-    drawn = _randomizable()
+    check_names(options, known_options())
+    drawn = randomizable()
     return {
         name: _draw_to_data(name, value) if name in drawn else to_data(value, name)
         for name, value in options.items()
@@ -166,7 +258,11 @@ def flat_options(options: Mapping[str, Any] | None) -> str | None:
         raise ConfigError(f"options must be a mapping, got {type(options).__name__}")
     if not options:
         return None
-    return json.dumps({name: to_data(value, str(name)) for name, value in options.items()})
+    for name in options:
+        if name not in randomizable() and name in known_options():
+            raise ConfigError(f"{name} is fixed when the environment is made, not set later")
+    check_names(options, randomizable(), "parameter of the scenario")
+    return json.dumps({name: _draw_to_data(name, value) for name, value in options.items()})
 
 
 def _read_file(path: Path) -> Any:
@@ -181,7 +277,7 @@ def _read_file(path: Path) -> Any:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(f"config: no such file: {path}") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise ConfigError(f"config: cannot read {path}: {error}") from error
     suffix = path.suffix.lower()
     try:
@@ -189,7 +285,7 @@ def _read_file(path: Path) -> Any:
             return json.loads(text)
         if suffix == ".toml":
             return tomllib.loads(text)
-    except (json.JSONDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"config: {path} is not valid {suffix[1:].upper()}: {error}") from error
     raise ConfigError(f"config: {path} must end in .json or .toml")
 
@@ -231,6 +327,8 @@ def resolve(task: str, config: ConfigLike, options: Mapping[str, Any]) -> str:
 
     Raises
     ------
+    UnknownOptionError
+        an option that there is not.
     ConfigError
         an unknown name or an impossible value, with its path and the value.
     """
@@ -279,6 +377,9 @@ def _convert(kind: Any, data: Any) -> Any:
     if isinstance(data, list) and origin is Sequence:
         (item_kind,) = get_args(kind)
         return tuple(_convert(item_kind, item) for item in data)
+    if isinstance(data, list) and origin is tuple:
+        kinds = get_args(kind)
+        return tuple(_convert(part, item) for part, item in zip(kinds, data, strict=True))
     return data
 
 

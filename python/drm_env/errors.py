@@ -4,6 +4,7 @@
 
     DrmError
     ├── ConfigError (ValueError)          a configuration, scenario or option that cannot be used
+    │   └── UnknownOptionError (TypeError)    an option that there is not
     ├── SimulationError                   a call that cannot be carried out now
     │   ├── ActionError (ValueError)      an action of the wrong shape or not finite
     │   │   └── ActionTypeError (TypeError)   an action that is not made of real numbers
@@ -27,6 +28,7 @@ __all__ = [
     "ResetNeededError",
     "SimulationError",
     "SnapshotError",
+    "UnknownOptionError",
 ]
 
 # The engine raises these by their names here; a type made in Rust would be missing in its stub.
@@ -40,6 +42,16 @@ class DrmError(Exception):
 
 class ConfigError(DrmError, ValueError):
     """A configuration, scenario or option that cannot be used."""
+
+    __module__ = "drm_env"
+
+
+class UnknownOptionError(ConfigError, TypeError):
+    """A keyword option that there is not.
+
+    It is a `TypeError` as well, with the words of Python's own, because other libraries look for
+    these to find out what an environment accepts.
+    """
 
     __module__ = "drm_env"
 
