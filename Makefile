@@ -41,7 +41,7 @@ lint: $(READY) ## formatting, lints, types, generated files and the direction of
 	$(BIN)/lint-imports
 	@fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
 	tools/generate.sh "$$fresh"; \
-	for file in _engine.pyi _config.py; do \
+	for file in _engine.pyi _config.py _options.py; do \
 	  diff -u "python/drm_env/$$file" "$$fresh/$$file" \
 	    || { echo "python/drm_env/$$file is out of date: run 'make generate'" >&2; exit 1; }; \
 	done
