@@ -310,7 +310,7 @@ def test_unreadable_configuration_files(tmp_path: Path) -> None:
         ({"payload_weight": 1.0}, "payload_weight"),
         ({"payload_mass": -1.0}, "mass.*-1"),
         ({"payload_mass": np.nan}, "payload_mass must be finite"),
-        ({"payload_mass": (1.0, 2.0)}, "payload_mass"),
+        ({"payload_mass": (2.0, 1.0)}, "payload_mass"),
         ({"control_period": 0.1}, "control_period"),
         ({"deployment_end": 80.0}, "80"),
         ({"slew_profile": "sinus"}, "sinus"),

@@ -122,7 +122,7 @@ def test_types_and_bounds_over_an_episode(env_id: str) -> None:
         assert np.isfinite(reward)
         assert type(terminated) is bool
         assert type(truncated) is bool
-        assert all(type(value) in (float, bool) for value in info.values())
+        assert all(type(value) is np.float64 for value in info.values())
 
 
 def test_episode_is_truncated_at_the_horizon_and_reports_metrics() -> None:
@@ -131,13 +131,11 @@ def test_episode_is_truncated_at_the_horizon_and_reports_metrics() -> None:
     assert len(records) - 1 == 50
     assert env.spec is not None and env.spec.max_episode_steps == 50
     assert [record[3] for record in records[1:]] == [False] * 49 + [True]
-    for record in records[1:-1]:
-        assert not any(key.startswith("metrics/") for key in record[4])
     last = records[-1][4]
     assert last["metrics/duration"] == pytest.approx(0.5)
     assert last["metrics/episode_return"] == pytest.approx(sum(record[1] for record in records[1:]))
-    assert last["diverged"] is False
-    assert last["is_success"] in (True, False)
+    assert last["diverged"] == 0.0
+    assert last["is_success"] in (0.0, 1.0)
 
 
 def test_reward_is_the_sum_of_its_terms(env_id: str) -> None:
@@ -162,8 +160,8 @@ def test_structural_limit_terminates_with_finite_values() -> None:
     assert truncated is False
     assert np.isfinite(observation).all() and np.isfinite(reward)
     assert observation in env.observation_space
-    assert info["is_success"] is False
-    assert "metrics/tip_error_rms" in info
+    assert info["is_success"] == 0.0
+    assert info["metrics/tip_error_rms"] > 0.0
 
 
 def test_same_seed_same_bits_and_other_seed_other_episode(env_id: str) -> None:
@@ -209,7 +207,7 @@ def test_infos_and_observations_are_the_callers_own() -> None:
     observation[:] = 0
     action = np.ones(2, np.float32)
     stepped = env.step(action)
-    assert stepped[4].items() >= kept_info.items()
+    assert stepped[4].keys() == kept_info.keys()
     action[:] = 0.0
     again, _ = env.reset(seed=1)
     assert again.tobytes() == kept.tobytes()

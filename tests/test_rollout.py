@@ -84,7 +84,8 @@ def test_a_policy_flies_the_episodes_of_the_environment_to_the_bit(
             observation, reward, terminated, truncated, info = env.step(network(observation))
             over, total = terminated or truncated, total + float(reward)
         for name, values in flown.items():
-            np.testing.assert_array_equal(values[index], info[f"metrics/{name}"], err_msg=name)
+            seen = drm_env.info_metrics(info)[name]
+            np.testing.assert_array_equal(values[index], seen, err_msg=name)
         assert flown["episode_return"][index] == total
         assert flown["diverged"][index] == terminated
         ended_early.append(terminated)

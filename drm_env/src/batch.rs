@@ -117,6 +117,23 @@ impl Batch {
         Self::with_instructions(config, count, autoreset, threads, widest)
     }
 
+    /// Truncates episodes after at most so many actions from now on; nothing else of them changes,
+    /// what ending early costs included. To be called before the first reset.
+    ///
+    /// # Errors
+    /// No action at all.
+    pub fn limited(mut self, actions: usize) -> Result<Self, ConfigError> {
+        if actions == 0 {
+            let requirement = "must be at least 1";
+            return Err(ConfigError::value("max_episode_steps", requirement, 0));
+        }
+        let setup = Setup::limited(&self.config, Some(actions))?;
+        for group in &mut self.groups {
+            group.crew.set_up(&setup);
+        }
+        Ok(self)
+    }
+
     /// [`Batch::new`] with instructions that the processor has; the results do not depend on them.
     ///
     /// # Errors
@@ -282,13 +299,15 @@ impl Batch {
     /// A list of the wrong length, or settings that cannot be flown: then nothing has changed.
     pub fn set_context(&mut self, settings: &[Overrides]) -> Result<(), Error> {
         check_length("context", self.count, settings.len())?;
+        let mut last = None;
         for ((group, lane), settings) in self.places().zip(settings) {
-            self.groups[group].crew.check_context(lane, settings)?;
+            // what many have in common is judged once
+            if last.replace(settings) != Some(settings) {
+                self.groups[group].crew.check_context(lane, settings)?;
+            }
         }
         for ((group, lane), settings) in self.places().zip(settings) {
-            self.groups[group]
-                .crew
-                .set_context(lane, settings.clone())?;
+            self.groups[group].crew.set_context(lane, settings.clone());
         }
         Ok(())
     }
@@ -439,7 +458,9 @@ impl Batch {
     pub fn set_env_context(&mut self, index: usize, settings: Overrides) -> Result<(), Error> {
         let (group, lane) = self.known(index)?;
         let crew = &mut self.groups[group].crew;
-        crew.set_context(lane, settings).map_err(Into::into)
+        crew.check_context(lane, &settings)?;
+        crew.set_context(lane, settings);
+        Ok(())
     }
 
     /// Snapshot of one environment: a single environment with the same configuration takes it too.

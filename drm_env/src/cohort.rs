@@ -46,20 +46,35 @@ pub(crate) struct Setup {
     pub(crate) frame_size: usize,
     pub(crate) observation_size: usize,
     pub(crate) samples_per_action: usize,
-    /// Samples in an episode that is not cut short.
+    /// Samples until the manoeuvre is over, which are paid or charged.
     pub(crate) horizon: u64,
+    /// Samples after which an episode is truncated: the horizon, or fewer.
+    pub(crate) cut: u64,
 }
 
 impl Setup {
     pub(crate) fn new(config: &Arc<EnvConfig>) -> Result<Arc<Self>, ConfigError> {
+        Self::limited(config, None)
+    }
+
+    /// With episodes that are truncated after at most so many actions, and are else the same.
+    pub(crate) fn limited(
+        config: &Arc<EnvConfig>,
+        actions: Option<usize>,
+    ) -> Result<Arc<Self>, ConfigError> {
         config.validate()?;
+        let horizon = config.scenario.samples() as u64;
+        let cut = actions.map_or(horizon, |count| {
+            horizon.min((count as u64).saturating_mul(config.samples_per_action() as u64))
+        });
         Ok(Arc::new(Self {
+            cut,
+            horizon,
             fingerprint: crate::env::fingerprint(config),
             scale: RewardScale::new(&config.task.reward),
             frame_size: frame_size(&config.task),
             observation_size: observation_size(config),
             samples_per_action: config.samples_per_action(),
-            horizon: config.scenario.samples() as u64,
             config: (**config).clone(),
         }))
     }
@@ -176,18 +191,10 @@ impl<T: Number> Cohort<T> {
         })
     }
 
-    /// Overrides what is drawn in every later episode of a lane, until called again.
-    ///
-    /// # Errors
-    /// Settings with which the configuration cannot be flown; nothing has changed then.
-    pub(crate) fn set_lane_context(
-        &mut self,
-        lane: usize,
-        settings: Overrides,
-    ) -> Result<(), ConfigError> {
-        self.check_context(lane, &settings)?;
+    /// Overrides what is drawn in every later episode of a lane, until called again; see
+    /// [`Cohort::check_context`].
+    pub(crate) fn set_lane_context(&mut self, lane: usize, settings: Overrides) {
         self.members[lane].persistent = settings;
-        Ok(())
     }
 
     /// Refuses settings with which the configuration cannot be flown.
@@ -365,7 +372,8 @@ impl<T: Number> Cohort<T> {
                 .map(|(_, row)| &mut row[size - frame..])
                 .unwrap_or_default()
         });
-        let over = one - self.flight.common.sample.below(horizon);
+        let cut = T::splat(setup.cut as f64);
+        let over = one - self.flight.common.sample.below(cut);
         let truncated = over.bits() & lanes & !lost;
         for lane in lanes_of(lost | truncated) {
             self.members[lane].phase = Phase::Ended;

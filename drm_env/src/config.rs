@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::arm::{non_negative, positive};
 use crate::control::Law;
+use crate::distribution::Distribution;
 use crate::error::ConfigError;
 use crate::options::{apply_option, overlay, release_fixed};
 use crate::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
@@ -333,6 +334,24 @@ impl EnvConfig {
         drawn.iter().any(Option::is_some)
     }
 
+    /// The configuration whose episodes are those of this one under overrides.
+    ///
+    /// # Errors
+    /// A setting that a parameter cannot have.
+    pub(crate) fn overridden(&self, overrides: &Overrides) -> Result<Self, ConfigError> {
+        let mut config = self.clone();
+        for (index, distribution) in overrides {
+            if let Some(first) = distribution.extremes().first() {
+                PARAMETERS[*index].set(&mut config.scenario, first)?;
+            }
+            *config.randomize.places()[*index] = match distribution {
+                Distribution::Fixed(_) => None,
+                drawn => Some(drawn.clone()),
+            };
+        }
+        Ok(config)
+    }
+
     /// Draws the scenario of one episode; overrides replace what was drawn without moving the
     /// other draws. Parameters that do not go together (a smoothing too long for the profile) are drawn
     /// again, all of them, from streams of their own.
@@ -355,8 +374,11 @@ impl EnvConfig {
         episode: u64,
         overrides: &Overrides,
     ) -> Result<(), ConfigError> {
-        let found = self.draw_within(TRIALS, seed, episode, &[overrides]);
-        found.map(|_| ())
+        self.draw_within(TRIALS, seed, episode, &[overrides])?;
+        if overrides.iter().any(|(_, drawn)| drawn.draws()) {
+            return self.overridden(overrides)?.validate();
+        }
+        Ok(())
     }
 
     fn draw_within(
@@ -366,8 +388,12 @@ impl EnvConfig {
         episode: u64,
         overrides: &[&Overrides],
     ) -> Result<Scenario, ConfigError> {
+        let drawn = |lists: &[&Overrides]| {
+            let mut all = lists.iter().flat_map(|list| list.iter());
+            all.any(|(_, distribution)| distribution.draws())
+        };
         let first = match self.attempt(seed, episode, 0, overrides) {
-            Err(first) if self.draws() => first,
+            Err(first) if self.draws() || drawn(overrides) => first,
             found => return found,
         };
         let mut others = (1..attempts).map(|n| self.attempt(seed, episode, n, overrides));
@@ -391,10 +417,15 @@ impl EnvConfig {
                 parameter.set(&mut scenario, &distribution.draw(&mut stream))?;
             }
         }
-        for (index, setting) in overrides.iter().flat_map(|list| list.iter()) {
-            PARAMETERS[*index].set(&mut scenario, setting)?;
+        let mut mass_drawn = self.randomize.payload_mass.is_some();
+        for (index, distribution) in overrides.iter().flat_map(|list| list.iter()) {
+            let parameter = &PARAMETERS[*index];
+            let purpose = Purpose::Parameter(parameter.name);
+            let mut stream = Stream::of_attempt(seed, episode, purpose, attempt);
+            parameter.set(&mut scenario, &distribution.draw(&mut stream))?;
+            mass_drawn |= parameter.name == "payload_mass" && distribution.draws();
         }
-        if self.randomize.payload_mass.is_some() {
+        if mass_drawn {
             scenario.hide_dimensions();
         }
         scenario.validate()?;

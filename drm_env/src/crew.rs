@@ -1,9 +1,10 @@
 //! Environments side by side, whatever the number of lanes.
 
 use std::fmt::Debug;
+use std::sync::Arc;
 
 use crate::batch::{COORDINATES, Ended};
-use crate::cohort::{Cohort, Draft, Phase};
+use crate::cohort::{Cohort, Draft, Phase, Setup};
 use crate::config::context;
 use crate::env::Env;
 use crate::error::ConfigError;
@@ -43,7 +44,7 @@ pub(crate) trait Crew: Send + Sync + Debug {
     /// See [`Cohort::check_context`].
     fn check_context(&self, lane: usize, settings: &Overrides) -> Result<(), ConfigError>;
     /// See [`Cohort::set_lane_context`].
-    fn set_context(&mut self, lane: usize, settings: Overrides) -> Result<(), ConfigError>;
+    fn set_context(&mut self, lane: usize, settings: Overrides);
     /// The true context of a lane.
     fn context(&self, lane: usize) -> [f64; COUNT];
     /// True coordinates of a lane and their rates: see [`crate::batch::Batch::coordinates`].
@@ -56,6 +57,8 @@ pub(crate) trait Crew: Send + Sync + Debug {
     fn one(&self, lane: usize) -> Env;
     /// Replaces the environment of a lane.
     fn put(&mut self, lane: usize, env: &Env);
+    /// Replaces what the environments have in common by what fits their flights as well.
+    fn set_up(&mut self, setup: &Arc<Setup>);
 }
 
 impl<T: Vector> Crew for Cohort<T> {
@@ -116,8 +119,8 @@ impl<T: Vector> Crew for Cohort<T> {
         Cohort::check_context(self, lane, settings)
     }
 
-    fn set_context(&mut self, lane: usize, settings: Overrides) -> Result<(), ConfigError> {
-        self.set_lane_context(lane, settings)
+    fn set_context(&mut self, lane: usize, settings: Overrides) {
+        self.set_lane_context(lane, settings);
     }
 
     fn context(&self, lane: usize) -> [f64; COUNT] {
@@ -144,6 +147,10 @@ impl<T: Vector> Crew for Cohort<T> {
 
     fn put(&mut self, lane: usize, env: &Env) {
         Cohort::put(self, lane, env);
+    }
+
+    fn set_up(&mut self, setup: &Arc<Setup>) {
+        self.setup = Arc::clone(setup);
     }
 }
 

@@ -127,6 +127,11 @@ impl Distribution {
         }
     }
 
+    /// Whether there is more than one value to draw.
+    pub(crate) fn draws(&self) -> bool {
+        !matches!(self, Self::Fixed(_))
+    }
+
     /// Draws a value.
     pub fn draw(&self, stream: &mut Stream) -> Setting {
         let between = |[low, high]: [f64; 2], u: f64| (low + (high - low) * u).clamp(low, high);

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::cohort::{Cohort, Member, Phase, Setup};
 use crate::config::{EnvConfig, context};
-use crate::distribution::Setting;
+use crate::distribution::{Distribution, Setting};
 use crate::error::{ConfigError, Error, SimulationError, SnapshotError};
 use crate::flight::{Flight, FlightState, Plan};
 use crate::metrics::Metrics;
@@ -35,7 +36,8 @@ struct Saved {
     seed: Seed,
     episode: u64,
     phase: Phase,
-    /// Position, number or none, name: the compact format cannot tell a number from a name.
+    /// Position, number or none, name: the compact format cannot tell a number from a name. In the
+    /// place of a name, a distribution that is drawn from as JSON text, which begins with a brace.
     persistent: Vec<(usize, Option<f64>, String)>,
     scenario: Scenario,
     flight: FlightState,
@@ -104,7 +106,9 @@ impl Cohort<f64> {
     /// # Errors
     /// Settings with which the configuration cannot be flown; nothing has changed then.
     pub fn set_context(&mut self, settings: Overrides) -> Result<(), ConfigError> {
-        self.set_lane_context(0, settings)
+        self.check_context(0, &settings)?;
+        self.set_lane_context(0, settings);
+        Ok(())
     }
 
     /// Refuses an action of the wrong size or with entries that are not finite.
@@ -174,6 +178,17 @@ impl Cohort<f64> {
         self.flight.metrics(self.diverged(), self.episode_return)
     }
 
+    /// Metrics of the episode so far; while it is under way without the energy that is left, which
+    /// is NaN.
+    pub fn progress(&self) -> Metrics {
+        if self.is_running() {
+            return self
+                .flight
+                .metrics_under_way(self.diverged(), self.episode_return);
+        }
+        self.metrics()
+    }
+
     /// The true context, in the order of [`crate::parameter::PARAMETERS`].
     pub fn context(&self) -> [f64; COUNT] {
         context(&self.scenario())
@@ -199,8 +214,11 @@ impl Cohort<f64> {
                 .persistent
                 .iter()
                 .map(|(index, setting)| match setting {
-                    Setting::Number(value) => (*index, Some(*value), String::new()),
-                    Setting::Name(name) => (*index, None, name.clone()),
+                    Distribution::Fixed(Setting::Number(value)) => {
+                        (*index, Some(*value), String::new())
+                    }
+                    Distribution::Fixed(Setting::Name(name)) => (*index, None, name.clone()),
+                    drawn => (*index, None, Value::from(drawn.clone()).to_string()),
                 })
                 .collect(),
             scenario: self.scenario(),
@@ -319,8 +337,13 @@ impl Cohort<f64> {
             if *index >= COUNT || overrides.iter().any(|(other, _)| other == index) {
                 return wrong("it names an unknown parameter, or one twice");
             }
-            let setting = number.map_or_else(|| Setting::Name(name.clone()), Setting::Number);
-            overrides.push((*index, setting));
+            let drawn = match number {
+                Some(number) => Distribution::Fixed(Setting::Number(*number)),
+                None if name.starts_with('{') => serde_json::from_str(name)
+                    .map_err(|error| ConfigError::form("context", error))?,
+                None => Distribution::Fixed(Setting::Name(name.clone())),
+            };
+            overrides.push((*index, drawn));
         }
         let config = self.config();
         config.check_overrides(saved.seed, saved.episode, &overrides)?;
@@ -337,12 +360,13 @@ impl Cohort<f64> {
     /// Whether an episode is in this phase after so many steps and the samples of the flight.
     fn reaches(&self, phase: Phase, steps: f64, diverged: bool, flight: &Flight) -> bool {
         let (each, horizon) = (self.setup.samples_per_action, self.setup.horizon as f64);
+        let cut = self.setup.cut as f64;
         let sample = flight.common.sample;
         let begun = (sample / each as f64).ceil();
         let course = match phase {
             Phase::Fresh => sample == 0.0 && !diverged,
             Phase::Running => sample < horizon && steps * each as f64 == sample && !diverged,
-            Phase::Ended => sample == horizon || sample > 0.0 && diverged,
+            Phase::Ended => sample == horizon || sample == cut || sample > 0.0 && diverged,
         };
         course && steps == begun && sample <= horizon
     }

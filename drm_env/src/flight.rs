@@ -1212,11 +1212,20 @@ impl Flight<f64> {
     /// Metrics of the flight so far; see [`Metrics`] for those of one that has left the limits of
     /// [`crate::validity`].
     pub fn metrics(&self, diverged: bool, episode_return: f64) -> Metrics {
+        self.metrics_with(self.energy().total(), diverged, episode_return)
+    }
+
+    /// [`Flight::metrics`] with NaN for the energy, which costs as much as a control period.
+    pub(crate) fn metrics_under_way(&self, diverged: bool, episode_return: f64) -> Metrics {
+        self.metrics_with(f64::NAN, diverged, episode_return)
+    }
+
+    fn metrics_with(&self, energy: f64, diverged: bool, episode_return: f64) -> Metrics {
         let found = self.common.metrics.metrics(
             self.shared.sample_period,
             self.slew_end(),
             self.scenario().slew.angle.abs(),
-            self.energy().total(),
+            energy,
             diverged,
             episode_return,
         );

@@ -176,6 +176,11 @@ macro_rules! scenario_parameters {
             pub fn distributions(&self) -> [Option<&Distribution>; COUNT] {
                 [$(self.$name.as_ref()),+]
             }
+
+            /// Places of the distributions in the order of [`PARAMETERS`].
+            pub(crate) fn places(&mut self) -> [&mut Option<Distribution>; COUNT] {
+                [$(&mut self.$name),+]
+            }
         }
 
         /// Number of scenario parameters.
@@ -247,13 +252,13 @@ pub fn position(name: &str) -> Option<usize> {
     PARAMETERS.iter().position(|p| p.name == name)
 }
 
-/// Settings for single parameters, by position in [`PARAMETERS`].
-pub type Overrides = Vec<(usize, Setting)>;
+/// What single parameters are set to or drawn from, by position in [`PARAMETERS`].
+pub type Overrides = Vec<(usize, Distribution)>;
 
-/// Reads a flat JSON object of fixed settings (`{"payload_mass": 320.0}`).
+/// Reads a flat JSON object of settings and distributions (`{"payload_mass": 320.0}`).
 ///
 /// # Errors
-/// A name that is no scenario parameter, or a value that is neither number nor name.
+/// A name that is no scenario parameter, or a value that it cannot be set to or drawn from.
 pub fn overrides(text: &str) -> Result<Overrides, ConfigError> {
     let fields: serde_json::Map<String, serde_json::Value> =
         serde_json::from_str(text).map_err(|e| ConfigError::form("options", e))?;
@@ -263,11 +268,12 @@ pub fn overrides(text: &str) -> Result<Overrides, ConfigError> {
         .map(|(name, value)| {
             let index = position(&name)
                 .ok_or_else(|| ConfigError::form(name.clone(), "is not a scenario parameter"))?;
-            let setting: Setting = serde_json::from_value(value.clone()).map_err(|_| {
-                ConfigError::value(name.clone(), "must be a number or a name", value)
-            })?;
-            PARAMETERS[index].set(&mut probe, &setting)?;
-            Ok((index, setting))
+            let drawn = Distribution::try_from(value).map_err(|e| ConfigError::form(&name, e))?;
+            drawn.validate().map_err(|e| e.within(&name))?;
+            for setting in drawn.extremes() {
+                PARAMETERS[index].set(&mut probe, &setting)?;
+            }
+            Ok((index, drawn))
         })
         .collect()
 }

@@ -144,7 +144,10 @@ fn seldom() -> (EnvConfig, Overrides) {
     choices.extend((0..399).map(|i| Setting::Number(0.3 + 1e-4 * f64::from(i))));
     let config = at_odds(["min_energy", "min_energy"], Distribution::Choices(choices));
     let profile = position("slew_profile").expect("it is a parameter");
-    (config, vec![(profile, named("min_time"))])
+    (
+        config,
+        vec![(profile, Distribution::Fixed(named("min_time")))],
+    )
 }
 
 /// Overrides with which episodes could hardly be drawn are refused, and nothing has changed.

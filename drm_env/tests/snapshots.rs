@@ -5,7 +5,7 @@ use std::sync::Arc;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::config::EnvConfig;
 use drm_env::control::Law;
-use drm_env::distribution::Setting;
+use drm_env::distribution::{Distribution, Setting};
 use drm_env::parameter::{Overrides, Randomize, position};
 use drm_env::plant::PlantModel;
 use drm_env::rng::{Purpose, Seed, Stream};
@@ -57,7 +57,7 @@ fn made(config: &EnvConfig) -> Env {
 fn under_way(config: &EnvConfig) -> Env {
     let mut env = made(config);
     let mass = position("payload_mass").expect("it is a parameter");
-    env.set_context(vec![(mass, Setting::Number(320.0))])
+    env.set_context(vec![(mass, Distribution::Fixed(Setting::Number(320.0)))])
         .expect("it can be flown");
     env.reset(Some(Seed::from_u64(3)), &Overrides::new())
         .expect("it can be drawn");

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as _gym
 
 if TYPE_CHECKING:
+    from drm_env._common import NO_VALUE, info_metrics
     from drm_env._config import EnvConfig, Scenario, Task
     from drm_env._engine import __version__
     from drm_env.configuration import default_config, option_names
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "METRIC_SYMBOLS",
+    "NO_VALUE",
     "ActionError",
     "ActionTypeError",
     "Choices",
@@ -81,6 +83,7 @@ __all__ = [
     "__version__",
     "default_config",
     "episode_metrics",
+    "info_metrics",
     "observation_layout",
     "option_names",
     "rollout",
@@ -90,6 +93,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "_common": ["NO_VALUE", "info_metrics"],
     "_config": ["EnvConfig", "Scenario", "Task"],
     "_engine": ["__version__"],
     "configuration": ["default_config", "option_names"],

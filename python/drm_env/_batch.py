@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,9 +10,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_env import _engine
-from drm_env._common import METRIC_KEYS, REWARD_KEYS
-from drm_env.configuration import flat_options
+from drm_env._common import finite
+from drm_env.configuration import flat_options, is_sequence
 from drm_env.errors import ConfigError
 
 Observations = NDArray[np.float32]
@@ -64,18 +62,6 @@ def count(name: str, value: Any) -> int:
     return number
 
 
-def shortened(config_json: str, max_episode_steps: int | None) -> str:
-    """Complete configuration text whose horizon has at most so many control periods."""
-    if max_episode_steps is None:
-        return config_json
-    config = json.loads(config_json)
-    limit = max_episode_steps * config["task"]["control_period"]
-    if config["scenario"]["horizon"] <= limit:
-        return config_json
-    config["scenario"]["horizon"] = limit
-    return _engine.resolve_config("slew", json.dumps(config), "{}")
-
-
 def seed_list(seed: Any, num_envs: int) -> list[int | None]:
     """One seed, or ``None``, for each sub-environment: an integer s stands for s, s + 1, ...
 
@@ -120,16 +106,31 @@ def reset_mask(mask: Any, num_envs: int) -> Mask:
     return mask.copy()
 
 
-def lane_options(options: Mapping[str, Any] | None, num_envs: int) -> list[str | None]:
-    """JSON text of flat parameters for each sub-environment; arrays give each its own value.
+def lane_options(
+    options: Mapping[str, Any] | Sequence[Mapping[str, Any] | None] | None, num_envs: int
+) -> list[str | None]:
+    """JSON text of flat parameters for each sub-environment.
+
+    ``options`` are those of all, with an array of shape (num_envs,) where each has its own value,
+    or a sequence with the options (or ``None``) of each.
 
     Raises
     ------
     ConfigError
-        An array of another shape, or a value without a JSON form.
+        An array of another shape, a sequence of another length, an unknown name or a value without
+        a JSON form.
     """
-    if not options:
+    if options is None:
         return [None] * num_envs
+    if not isinstance(options, Mapping):
+        if not is_sequence(options):
+            raise ConfigError(
+                f"options must be a mapping, or a sequence of {num_envs} mappings, "
+                f"got {type(options).__name__}"
+            )
+        if len(options) != num_envs:
+            raise ConfigError(f"options must have {num_envs} entries, got {len(options)}")
+        return [flat_options(item) for item in options]
     arrays = {}
     for name, value in options.items():
         if isinstance(value, np.ndarray) and value.ndim > 0:
@@ -159,11 +160,6 @@ def shared_info(keys: Sequence[str], rows: Rows, everywhere: Mask) -> Info:
     return info
 
 
-def terms_info(terms: NDArray[np.float64], everywhere: Mask) -> Info:
-    """The reward's terms where every sub-environment has stepped."""
-    return shared_info(REWARD_KEYS, terms.T, everywhere)
-
-
 def masked_info(keys: Sequence[str], rows: Rows, mask: Mask) -> Info:
     """Arrays that hold where ``mask`` does and are zero elsewhere, with their masks."""
     info: Info = {}
@@ -173,13 +169,11 @@ def masked_info(keys: Sequence[str], rows: Rows, mask: Mask) -> Info:
     return info
 
 
-def end_infos(metrics: NDArray[np.float64], diverged: Mask, settled: Mask, done: Mask) -> Info:
-    """Metrics, divergence and success of the episodes that ended where ``done`` holds."""
-    info = masked_info(METRIC_KEYS, metrics.T, done)
-    for key, values in (("diverged", diverged), ("is_success", settled)):
-        info[key] = values & done
-        info[f"_{key}"] = done.copy()
-    return info
+def episode_rows(
+    metrics: NDArray[np.float64], diverged: Mask, settled: Mask
+) -> NDArray[np.float64]:
+    """What infos say of episodes as a whole, a row a key of `EPISODE_KEYS`."""
+    return np.vstack((finite(metrics.T), diverged, settled))
 
 
 def final_infos(last: Observations, ended: Info, done: Mask) -> Info:

@@ -49,6 +49,7 @@ class Batch:
         num_envs: SupportsIndex,
         autoreset: str,
         num_threads: SupportsIndex | None,
+        max_steps: SupportsIndex | None,
     ) -> Batch: ...
     @property
     def action_size(self, /) -> int:
@@ -185,10 +186,6 @@ class Env:
         """
         The true context of the episode, in the order of `context_names`.
         """
-    def diverged(self, /) -> bool:
-        """
-        Whether the episode ended by divergence or at a limit of the structure.
-        """
     def get_state(self, /) -> bytes:
         """
         Everything that changes, as bytes.
@@ -202,14 +199,6 @@ class Env:
         """
         Actions in an episode that is not cut short.
         """
-    def is_success(self, /) -> bool:
-        """
-        Whether the arm has settled so far.
-        """
-    def metrics(self, /) -> NDArray[float64]:
-        """
-        Metrics of the episode so far, in the order of `metric_names`.
-        """
     @property
     def observation_size(self, /) -> int:
         """
@@ -222,6 +211,11 @@ class Env:
     def render_rgb(self, /, width: SupportsIndex, height: SupportsIndex) -> NDArray[uint8]:
         """
         A picture, (height, width, 3).
+        """
+    def report(self, /) -> NDArray[float64]:
+        """
+        The last reward's terms, the metrics of the episode so far, whether it diverged and whether
+        the arm has settled; the largest double where a number does not exist.
         """
     def reset(self, /, seed: bytes | None, options: str | None) -> NDArray[float32]:
         """
@@ -245,9 +239,9 @@ class Env:
         """
     def step(
         self, /, action: NDArray[float32]
-    ) -> tuple[NDArray[float32], float, bool, bool, tuple[float, float, float]]:
+    ) -> tuple[NDArray[float32], float, bool, bool, NDArray[float64]]:
         """
-        One control period: observation, reward, terminated, truncated and the reward's terms.
+        One control period: observation, reward, terminated, truncated and the report.
         """
     def steps(self, /) -> int:
         """

@@ -15,17 +15,19 @@ from numpy.typing import NDArray
 
 from drm_env import _engine
 from drm_env._common import (
+    CONTEXT_KEYS,
     METADATA,
     RENDER_SIZE,
-    REWARD_KEYS,
+    REPORT_KEYS,
     ClosedEngine,
+    OptionsAreNoAttributes,
     action_box,
     context_info,
     convert_action,
-    end_info,
     json_spec,
     observation_box,
     own_metadata,
+    refuse_option,
     seed_bytes,
 )
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
@@ -33,16 +35,18 @@ from drm_env.errors import ConfigError
 from drm_env.observation import ObservationEntry, bounds, layout_of
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from drm_env._config import EnvConfig
+    from drm_env._options import Options, Parameters
     from drm_env.rendering import Viewer
 
 __all__ = ["DrmEnv"]
 
 _FLOAT32 = np.dtype(np.float32)
-_TIP_VIBRATION, _SLEW_ERROR, _EFFORT = REWARD_KEYS
 
 
-class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A slewing, extending, flexible arm with two small reaction wheels, in closed loop.
 
     Link 1 turns about a shoulder while link 2 slides out of it (or in) along a prescribed
@@ -112,19 +116,39 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     A manoeuvre is drawn: by default (``"slew"``) 50 deg at 0.02 rad/s^2 in minimum time while link
     2 deploys from 1 m to 8 m, with a payload of 50 to 500 kg, reported wrong by up to 15 %. The
     arm starts at rest. ``reset(options={"payload_mass": 320.0})`` fixes parameters for one episode,
-    `set_context` until changed; what does not go together is drawn again. The true parameters are
-    in every info as ``context/...``, numbers throughout (a name is its position among the
-    alternatives, a limit that is not set infinite).
+    `set_context` until changed; what does not go together is drawn again.
 
     End of an episode
     -----------------
     *Termination*: the slew error or the tip deflection exceeds ``limits``, or the state leaves what
     the equations describe (a tip deflection of a quarter of the reach, a slew error of one turn,
-    finite numbers; the last observation within is then kept, and the metrics are NaN); the rest of
+    finite numbers; the last observation within is then kept, and there are no metrics); the rest of
     the horizon is charged as if the limit were held, so that ending early never pays.
-    *Truncation*: the horizon (20 s) is over. Reaching the target does not end the episode. The last
-    info holds ``metrics/...`` (see `drm_env.episode_metrics`), ``diverged`` and ``is_success``
-    (settled: |tip deflection| <= 1 mm and slew error at the tip <= 10 mm to the end).
+    *Truncation*: the horizon (20 s) is over. Reaching the target does not end the episode.
+
+    A step limit (``max_episode_steps`` of ``gym.make``, ``gym.make_vec``, ``gym.register`` or
+    `make_sb3_vec`, or a ``TimeLimit`` around the environment) only cuts: it truncates episodes and
+    changes nothing else, the charge for ending early included, which stays that of the horizon. A
+    limit longer than the horizon does nothing; the specification then has the horizon's steps, with
+    a warning. To fly another manoeuvre, give the option ``horizon``.
+
+    Infos
+    -----
+    The infos of ``reset`` and ``step`` have the same keys, with a finite float64 each (flags are 0
+    or 1):
+
+    - ``context/...``: the true parameters of the episode, SI (a name is its position among the
+      alternatives).
+    - ``reward/...``: the three terms of the reward of this step, 0 at reset.
+    - ``metrics/...``: metrics of the episode so far, see `drm_env.episode_metrics`; in the last
+      info those of the whole episode. ``metrics/residual_energy`` exists in the last info of an
+      episode that was not cut by a step limit.
+    - ``diverged``: whether the episode was terminated. ``is_success``: whether the arm has settled,
+      |tip deflection| <= 1 mm and slew error at the tip <= 10 mm until now, after the slew.
+
+    Where a number does not exist (a limit that is not set, the settling time of an arm that has not
+    settled, the residual vibration before the end of the slew) stands `drm_env.NO_VALUE`, the
+    largest float64; `drm_env.info_metrics` makes NaN of it.
 
     Parameters
     ----------
@@ -159,7 +183,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         task: str = "slew",
         config: ConfigLike = None,
         render_mode: str | None = None,
-        **options: Any,
+        **options: Unpack[Options],
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(
@@ -177,7 +201,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._horizon_steps = self._engine.horizon_steps
         self._spec: EnvSpec | None = None
         self._seeded = False
-        self._context: dict[str, Any] = {}
+        self._info: dict[str, Any] = {}
         self._window: Viewer | None = None
 
     # -- Gymnasium ---------------------------------------------------------------------------
@@ -186,7 +210,8 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def spec(self) -> EnvSpec | None:
         """The specification this environment was made from, ``None`` if not through ``gym.make``.
 
-        ``max_episode_steps`` is the number of steps in the horizon.
+        ``max_episode_steps`` is the number of steps in the horizon, or the step limit around the
+        environment if that is shorter.
         """
         return self._spec
 
@@ -204,15 +229,16 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         seed
             a non-negative integer of any size: the episodes from here on are those of that
             seed. Without one the next episode of the same stream starts; without any ever,
-            the stream comes from the entropy of the operating system.
+            the stream comes from the entropy of the operating system, and ``np_random_seed``
+            is its seed.
         options
             parameters of the scenario for this episode alone, by their keyword names,
-            such as ``{"payload_mass": 320.0}``.
+            such as ``{"payload_mass": 320.0}``; values as for `set_context`.
 
         Returns
         -------
         observation, info
-            The observation, float32 of shape (n,), and the true context as ``context/...``.
+            The observation, float32 of shape (n,), and the info, with the keys of every step.
 
         Raises
         ------
@@ -224,13 +250,22 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=seed)
         text = flat_options(options)
         if seed is None and not self._seeded:
-            seed = int(self.np_random.integers(2**63))
+            # -1 is that of a generator that was put in the place of the environment's own
+            drawn = self.np_random_seed
+            seed = int(self.np_random.integers(2**63)) if drawn == -1 else drawn
         observation = self._engine.reset(None if seed is None else seed_bytes(seed), text)
         self._seeded = True
-        self._context = context_info(self._engine.context())
+        self._take_context()
         if self.render_mode == "human":
             self._viewer().start(self._engine)
-        return observation, self._context.copy()
+        return observation, self._info.copy()
+
+    def _take_context(self) -> None:
+        """Keeps the info of the beginning, which has a place for every key of the steps' infos."""
+        self._info = {
+            **context_info(self._engine.context()),
+            **dict(zip(REPORT_KEYS, self._engine.report(), strict=True)),
+        }
 
     def step(
         self, action: NDArray[np.float32]
@@ -264,12 +299,9 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             or not action.flags.c_contiguous
         ):
             action = convert_action(action, self._action_shape)
-        observation, reward, terminated, truncated, terms = self._engine.step(action)
-        info = self._context.copy()
-        info[_TIP_VIBRATION], info[_SLEW_ERROR], info[_EFFORT] = terms
-        if terminated or truncated:
-            engine = self._engine
-            info.update(end_info(engine.metrics(), engine.diverged(), engine.is_success()))
+        observation, reward, terminated, truncated, report = self._engine.step(action)
+        info = self._info.copy()
+        info.update(zip(REPORT_KEYS, report, strict=True))
         if self.render_mode == "human":
             self._viewer().advance(self._engine, self.control_period)
         return observation, reward, terminated, truncated, info
@@ -308,6 +340,17 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._window = Viewer()
         return self._window
 
+    def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+        """Sets an attribute, as ``gymnasium.Env`` does; wrappers come here first.
+
+        Raises
+        ------
+        ConfigError
+            an option's name: see `set_context`.
+        """
+        refuse_option(name)
+        return super().set_wrapper_attr(name, value, force=force)
+
     def close(self) -> None:
         """Lets go of the engine. May be called more than once; any other use is then refused."""
         if self._window is not None:
@@ -339,26 +382,28 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     # -- The episode -------------------------------------------------------------------------
 
-    def set_context(self, **context: Any) -> None:
-        """Fixes parameters of the scenario from the next episode on, until changed.
+    def set_context(self, **context: Unpack[Parameters]) -> None:
+        """Sets parameters of the scenario from the next episode on, until changed.
 
         Parameters
         ----------
         **context
-            values by their keyword names, such as ``payload_mass=320.0``. They replace
-            those of an earlier call; none at all brings back the environment's own.
+            values by their keyword names, such as ``payload_mass=320.0``; what an option takes to
+            be drawn for each episode (``payload_mass=(50.0, 500.0)``, choices, a distribution), so
+            that a curriculum can widen its ranges. They replace those of an earlier call; none at
+            all brings back the environment's own.
 
         Raises
         ------
         ConfigError
-            an unknown name or an impossible value; the context stays as it was.
+            an unknown name or an impossible value or range; the context stays as it was.
         """
         self._engine.set_context(flat_options(context))
 
     @property
     def context(self) -> dict[str, float]:
         """The true context of the present episode, by the keys of the info; empty without one."""
-        return self._context.copy()
+        return {key: self._info[key] for key in CONTEXT_KEYS} if self._info else {}
 
     def signals(self) -> dict[str, float]:
         """The present true values by name, SI: the names of `drm_env.simulate`'s arrays.
@@ -404,7 +449,8 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _after_restore(self) -> None:
         self._seeded = self._engine.has_reset()
-        self._context = context_info(self._engine.context()) if self._seeded else {}
+        if self._seeded:
+            self._take_context()
 
     def clone(self) -> DrmEnv:
         """An independent environment in the same state."""
@@ -415,6 +461,7 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         state = self.__dict__.copy()
         engine = state.pop("_engine")
         state["_window"] = None
+        state["_info"] = {}
         state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
         return state
 
@@ -433,3 +480,5 @@ class DrmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             engine.set_state(snapshot)
         self.__dict__.update(state)
         self._engine = engine  # type: ignore[assignment]
+        if snapshot is not None:
+            self._after_restore()

@@ -7,13 +7,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_env._common import RENDER_SIZE
+from drm_env._common import RENDER_SIZE, REWARD_KEYS, refuse_option, single_spec
 from drm_env.configuration import flat_options
+from drm_env.errors import ConfigError
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
+    from gymnasium.envs.registration import EnvSpec
+
+    from drm_env._options import Parameters
     from drm_env.vector import DrmVectorEnv
 
 __all__ = ["Lane"]
+
+_OF_BATCH = {
+    "action_space": "single_action_space",
+    "observation_space": "single_observation_space",
+    "config": "config",
+    "config_json": "config_json",
+    "control_period": "control_period",
+    "metadata": "metadata",
+    "observation_layout": "observation_layout",
+    "render_mode": "render_mode",
+}
+"""Attributes of a single environment and the names that they have in a batch."""
 
 
 class Lane:
@@ -30,20 +48,54 @@ class Lane:
 
     def __getattr__(self, name: str) -> Any:
         """Attributes of the single environment that are the same in the whole batch."""
-        shared = {
-            "action_space": "single_action_space",
-            "observation_space": "single_observation_space",
-            "config": "config",
-            "config_json": "config_json",
-            "control_period": "control_period",
-            "metadata": "metadata",
-            "observation_layout": "observation_layout",
-            "render_mode": "render_mode",
-            "spec": "spec",
-        }
-        if name not in shared:
+        if name not in _OF_BATCH:
             raise AttributeError(f"a sub-environment has no attribute {name!r}")
-        return getattr(self._batch, shared[name])
+        return getattr(self._batch, _OF_BATCH[name])
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Sets an attribute that belongs to this sub-environment.
+
+        Raises
+        ------
+        ConfigError
+            an option's name, or what is the same in the whole batch.
+        """
+        refuse_option(name)
+        if name in _OF_BATCH:
+            raise ConfigError(f"{name} is that of the whole batch and cannot be set")
+        super().__setattr__(name, value)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The specification of this environment alone, as ``gym.make`` takes it."""
+        return single_spec(self._batch.spec)
+
+    @property
+    def np_random_seed(self) -> int:
+        """The seed of this sub-environment's stream of episodes."""
+        return self._batch.np_random_seed[self._index]
+
+    def has_wrapper_attr(self, name: str) -> bool:
+        """Whether there is an attribute; see ``gymnasium.Env``."""
+        return hasattr(self, name)
+
+    def get_wrapper_attr(self, name: str) -> Any:
+        """The value of an attribute; see ``gymnasium.Env``."""
+        return getattr(self, name)
+
+    def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+        """Sets an attribute, unless there is none and ``force`` is false; see ``gymnasium.Env``.
+
+        Raises
+        ------
+        ConfigError
+            an option's name, or what is the same in the whole batch.
+        """
+        refuse_option(name)
+        if not force and not hasattr(self, name):
+            return False
+        setattr(self, name, value)
+        return True
 
     @property
     def unwrapped(self) -> Lane:
@@ -65,9 +117,9 @@ class Lane:
         seeds: list[int | None] = [None] * batch.num_envs
         seeds[self._index] = seed
         observations, _ = batch.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
-        return observations[self._index].copy(), dict(self.context)
+        return observations[self._index].copy(), self.context | dict.fromkeys(REWARD_KEYS, 0.0)
 
-    def set_context(self, **context: Any) -> None:
+    def set_context(self, **context: Unpack[Parameters]) -> None:
         """Fixes parameters of this sub-environment's next episodes; see `DrmEnv.set_context`."""
         self._batch._engine.set_env_context(self._index, flat_options(context))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,11 @@ from drm_env.configuration import ConfigLike, resolve
 from drm_env.errors import ConfigError
 from drm_env.observation import layout_of
 from drm_env.simulation import law_json
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from drm_env._options import Options
 
 __all__ = ["ControlLaw"]
 
@@ -45,7 +50,7 @@ class ControlLaw:
         *,
         task: str = "slew",
         config: ConfigLike = None,
-        **options: Any,
+        **options: Unpack[Options],
     ) -> None:
         """Makes the law; see the class for the arguments."""
         config_json = resolve(task, config, options)

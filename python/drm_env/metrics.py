@@ -1,7 +1,8 @@
 """What the metrics of an episode are: units, descriptions and formulas.
 
 The engine computes them from the states of an episode, in SI units and radians; they are in the
-last info of an episode as ``metrics/<name>``, and in what `simulate` and `rollout` return.
+last info of an episode as ``metrics/<name>`` (of a single environment in every info, those of the
+episode so far; see `drm_env.info_metrics`), and in what `simulate` and `rollout` return.
 """
 
 from __future__ import annotations

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine
 from drm_env.configuration import ConfigLike, resolve
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from drm_env._options import Options
 
 __all__ = ["ObservationEntry", "observation_layout"]
 
@@ -44,7 +49,7 @@ def layout_of(config_json: str) -> tuple[ObservationEntry, ...]:
 
 
 def observation_layout(
-    task: str = "slew", *, config: ConfigLike = None, **options: Any
+    task: str = "slew", *, config: ConfigLike = None, **options: Unpack[Options]
 ) -> tuple[ObservationEntry, ...]:
     """The entries of the observation that an environment with these arguments returns, in order.
 

@@ -2,35 +2,58 @@
 
 from __future__ import annotations
 
+import copy
+import importlib
 import operator
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from drm_env._common import METRIC_KEYS, REWARD_KEYS
+from drm_env._batch import episode_rows
+from drm_env._common import EPISODE_KEYS, OF_BATCH, REWARD_KEYS, OptionsAreNoAttributes
+from drm_env.env import DrmEnv
 from drm_env.errors import ConfigError
 from drm_env.lane import Lane
 from drm_env.vector import DrmVectorEnv
 
 __all__ = ["DrmSB3VecEnv", "make_sb3_vec"]
 
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from drm_env._options import Options
+    from drm_env.configuration import ConfigLike
+
+    class BatchArguments(Options, total=False):
+        """What `DrmVectorEnv` takes besides the number of sub-environments."""
+
+        task: str
+        config: ConfigLike
+        render_mode: str | None
+        max_episode_steps: int | None
+        num_threads: int | None
+
+
 Indices = int | Iterable[int] | None
 
 _TIP_VIBRATION, _SLEW_ERROR, _EFFORT = REWARD_KEYS
+_UNPAID: dict[str, Any] = dict.fromkeys(REWARD_KEYS, 0.0)
 
 
-class DrmSB3VecEnv(VecEnv):
+class DrmSB3VecEnv(OptionsAreNoAttributes, VecEnv):
     """A `DrmVectorEnv` with the interface and the semantics of Stable-Baselines3's ``DummyVecEnv``.
 
     Sub-environments that end are reset in the same step; their last observation is
     ``info["terminal_observation"]`` and ``info["TimeLimit.truncated"]`` says whether time alone
-    ended them. Arrays and infos are new at every step.
+    ended them. Arrays and infos are new at every step. Infos are those of `DrmEnv`, but the last of
+    an episode alone holds ``metrics/...``, ``diverged`` and ``is_success``.
 
     Parameters
     ----------
@@ -49,7 +72,13 @@ class DrmSB3VecEnv(VecEnv):
         An unknown name or an impossible value.
     """
 
-    def __init__(self, num_envs: int = 1, *, step_context: bool = True, **arguments: Any) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        step_context: bool = True,
+        **arguments: Unpack[BatchArguments],
+    ) -> None:
         for name in ("autoreset_mode", "copy"):
             if name in arguments:
                 raise ConfigError(f"{name} is fixed by Stable-Baselines3's interface")
@@ -80,7 +109,7 @@ class DrmSB3VecEnv(VecEnv):
         """
         observations = self.batch.reset_lanes(self._seeds, self._options)
         self._take_contexts(self.batch.contexts.infos())
-        self.reset_infos = [context.copy() for context in self._contexts]
+        self.reset_infos = [{**context, **_UNPAID} for context in self._contexts]
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -129,7 +158,7 @@ class DrmSB3VecEnv(VecEnv):
         self._templates = [self._template(context) for context in contexts]
 
     def _template(self, context: dict[str, Any]) -> dict[str, Any]:
-        terms = {_TIP_VIBRATION: 0.0, _SLEW_ERROR: 0.0, _EFFORT: 0.0, "TimeLimit.truncated": False}
+        terms = {**_UNPAID, "TimeLimit.truncated": False}
         return {**context, **terms} if self._step_context else terms
 
     def _end_episodes(
@@ -139,19 +168,18 @@ class DrmSB3VecEnv(VecEnv):
         infos: list[dict[str, Any]],
     ) -> None:
         """Completes the infos of the episodes that ended and takes over the new ones' contexts."""
-        last, metrics, diverged, success = self.batch.ended()
+        last, metrics, diverged, settled = self.batch.ended()
+        rows = episode_rows(metrics, diverged, settled).T
         contexts = self.batch.contexts.infos()
         for index in np.flatnonzero(dones).tolist():
             info = infos[index]
             info.update(self._contexts[index])
-            info.update(zip(METRIC_KEYS, metrics[index].tolist(), strict=True))
-            info["diverged"] = bool(diverged[index])
-            info["is_success"] = bool(success[index])
+            info.update(zip(EPISODE_KEYS, rows[index].tolist(), strict=True))
             info["TimeLimit.truncated"] = bool(timeouts[index])
             info["terminal_observation"] = last[index].copy()
             self._contexts[index] = contexts[index]
             self._templates[index] = self._template(contexts[index])
-            self.reset_infos[index] = contexts[index].copy()
+            self.reset_infos[index] = {**contexts[index], **_UNPAID}
 
     def close(self) -> None:
         """Lets go of the engine."""
@@ -171,7 +199,14 @@ class DrmSB3VecEnv(VecEnv):
         return [getattr(lane, attr_name) for lane in self._lanes(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Sets an attribute of some sub-environments."""
+        """Sets an attribute of some sub-environments.
+
+        Raises
+        ------
+        ConfigError
+            An option's name (to change a parameter, ``env_method("set_context", ...)``), or what is
+            the same for the whole batch; nothing has been set.
+        """
         for lane in self._lanes(indices):
             setattr(lane, attr_name, value)
 
@@ -207,22 +242,26 @@ class DrmSB3VecEnv(VecEnv):
 
 
 def make_sb3_vec(
-    env_id: str,
-    n_envs: int = 1,
+    env_id: str | EnvSpec,
+    n_envs: int | None = None,
     seed: int | None = None,
     *,
+    num_envs: int | None = None,
     monitor: bool = True,
     step_context: bool = True,
-    **options: Any,
+    **options: Unpack[BatchArguments],
 ) -> VecEnv:
-    """A batch for Stable-Baselines3, from the id of a registered environment.
+    """A batch for Stable-Baselines3, from a registered environment.
 
     Parameters
     ----------
-    env_id : str
-        ``"drm_env/Slew-v0"`` or one of the others.
-    n_envs : int
-        Number of sub-environments.
+    env_id : str or EnvSpec
+        ``"drm_env/Slew-v0"`` or one of the others, ``"module:id"`` for an id that importing the
+        module registers, or a specification, such as that of an environment. A step limit that is
+        registered or in the specification holds; see `DrmEnv` for what it means.
+    n_envs, num_envs : int, optional
+        Number of sub-environments, by the name of Stable-Baselines3 or of Gymnasium; by default
+        that of the specification of a batch, else 1.
     seed : int, optional
         Sub-environment i gets ``seed + i`` at the first reset.
     monitor : bool
@@ -230,20 +269,71 @@ def make_sb3_vec(
     step_context : bool
         See `DrmSB3VecEnv`.
     **options
-        As for ``gym.make_vec``.
+        As for ``gym.make_vec``, ``max_episode_steps`` included.
 
     Raises
     ------
     ConfigError
-        Not an environment of this package, or an unknown or impossible option.
+        Not an environment of this package, wrappers (which cannot be put around the
+        sub-environments of a batch), or an unknown or impossible option.
     """
-    spec = gym.spec(env_id)
-    if spec.vector_entry_point != "drm_env.vector:DrmVectorEnv":
-        raise ConfigError(f"env_id must be one of drm_env's environments, got {env_id!r}")
-    venv: VecEnv = DrmSB3VecEnv(n_envs, step_context=step_context, **{**spec.kwargs, **options})
+    spec = _find(env_id)
+    arguments: Any = {**spec.kwargs, **options}
+    own = arguments.pop("num_envs", None)
+    if n_envs is not None and num_envs is not None:
+        raise ConfigError(f"give one of n_envs and num_envs, got {n_envs!r} and {num_envs!r}")
+    given = [number for number in (n_envs, num_envs, own) if number is not None]
+    count = given[0] if given else 1
+    mode = arguments.pop("vectorization_mode", None)
+    if mode not in (None, "vector_entry_point"):
+        raise ConfigError(f"vectorization_mode of this batch is its own, got {mode!r}")
+    for name in ("vector_kwargs", "wrappers"):
+        if value := arguments.pop(name, None):
+            raise ConfigError(f"{name} cannot be used with a batch, got {value!r}")
+    if spec.additional_wrappers:
+        names = ", ".join(wrapper.name for wrapper in spec.additional_wrappers)
+        raise ConfigError(
+            f"additional_wrappers of {spec.id} cannot be put around the sub-environments of a "
+            f"batch ({names}); use stable_baselines3's make_vec_env"
+        )
+    arguments.setdefault("max_episode_steps", spec.max_episode_steps)
+    batch = DrmSB3VecEnv(count, step_context=step_context, **arguments)
+    spec = copy.copy(spec)
+    spec.kwargs = {name: value for name, value in arguments.items() if name not in OF_BATCH}
+    batch.batch.spec = spec
+    venv: VecEnv = batch
     if monitor:
         venv = VecMonitor(venv)
     if seed is not None:
         venv.seed(operator.index(seed))
         venv.action_space.seed(operator.index(seed))
     return venv
+
+
+def _find(env_id: str | EnvSpec) -> EnvSpec:
+    """The specification behind an id, if it is an environment of this package.
+
+    Raises
+    ------
+    ConfigError
+        Something else.
+    """
+    if isinstance(env_id, EnvSpec):
+        spec = env_id
+    elif isinstance(env_id, str):
+        if ":" in env_id:
+            module, _, env_id = env_id.partition(":")
+            try:
+                importlib.import_module(module)
+            except ImportError as error:
+                raise ConfigError(f"env_id: cannot import {module!r}: {error}") from error
+        spec = gym.spec(env_id)
+    else:
+        raise ConfigError(f"env_id must be an id or an EnvSpec, got {env_id!r}")
+    for entry in (spec.vector_entry_point, spec.entry_point):
+        if isinstance(entry, str):
+            # that of others is not imported
+            entry = load_env_creator(entry) if entry.startswith("drm_env") else None
+        if entry in (DrmVectorEnv, DrmEnv):
+            return spec
+    raise ConfigError(f"env_id must be one of drm_env's environments, got {spec.id!r}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
 from drm_env._common import seed_bytes
-from drm_env.configuration import ConfigLike, resolve, to_data
+from drm_env.configuration import ConfigLike, check_names, known_options, resolve, to_data
 from drm_env.errors import ConfigError
 from drm_env.network import Network
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from drm_env._config import Scenario
+    from drm_env._options import Options
 
 __all__ = [
     "LawLike",
@@ -32,8 +35,11 @@ ScenarioLike = "Scenario | Mapping[str, Any]"
 LawLike = str | Mapping[str, Any] | Any
 
 
-class Trajectory(Mapping[str, NDArray[np.float64]]):
+class Trajectory(dict[str, NDArray[np.float64]]):
     """Signals of one manoeuvre by name, each of shape (samples,), SI and radians.
+
+    It is a dictionary, ``time`` first, so that ``pandas.DataFrame(trajectory)`` has a column for
+    each signal and a row for each sample.
 
     Attributes
     ----------
@@ -41,36 +47,32 @@ class Trajectory(Mapping[str, NDArray[np.float64]]):
         the metrics of the whole manoeuvre by name, floats; see `episode_metrics` for what they are.
     """
 
-    def __init__(self, signals: dict[str, NDArray[np.float64]], metrics: dict[str, float]) -> None:
+    def __init__(
+        self, signals: Mapping[str, NDArray[np.float64]], metrics: dict[str, float]
+    ) -> None:
         """Holds what the engine returned."""
-        self._signals = signals
+        super().__init__(signals)
         self.metrics = metrics
 
-    def __getitem__(self, name: str) -> NDArray[np.float64]:
-        """The signal ``name``.
+    def __missing__(self, name: str) -> NDArray[np.float64]:
+        """Refuses a name that no signal has.
 
         Raises
         ------
         KeyError
-            no such signal; the message lists them.
+            always; the message lists the signals.
         """
-        try:
-            return self._signals[name]
-        except KeyError:
-            raise KeyError(f"no signal {name!r}; there are {', '.join(self._signals)}") from None
+        raise KeyError(f"no signal {name!r}; there are {', '.join(self)}")
 
-    def __iter__(self) -> Iterator[str]:
-        """The names of the signals, ``time`` first."""
-        return iter(self._signals)
-
-    def __len__(self) -> int:
-        """Number of signals."""
-        return len(self._signals)
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles hold signals and metrics."""
+        return type(self), (dict(self), self.metrics)
 
     def __repr__(self) -> str:
         """Names, duration and number of samples."""
-        time = self._signals["time"]
-        return f"Trajectory({time.size} samples, {time[-1]:g} s: {', '.join(self._signals)})"
+        samples = len(next(iter(self.values()), ()))
+        until = f", {self['time'][-1]:g} s" if samples and "time" in self else ""
+        return f"Trajectory({samples} samples{until}: {', '.join(self)})"
 
 
 def scenario_json(scenario: Any, name: str = "scenario") -> str:
@@ -165,6 +167,9 @@ def simulate(
 class Rollout(dict[str, NDArray[np.float64]]):
     """Metrics of many manoeuvres by name, each of shape (n,), in the order of the scenarios.
 
+    It is a dictionary, so that ``pandas.DataFrame(rollout)`` has a column for each metric and a row
+    for each manoeuvre; ``pandas.DataFrame(rollout.trajectory(i))`` holds the signals of one.
+
     Attributes
     ----------
     trajectories
@@ -191,6 +196,23 @@ class Rollout(dict[str, NDArray[np.float64]]):
             always; the message lists the metrics.
         """
         raise KeyError(f"no metric {name!r}; there are {', '.join(self)}")
+
+    def trajectory(self, index: int) -> Trajectory:
+        """The kept signals of one manoeuvre, each of shape (samples,), with its metrics.
+
+        Raises
+        ------
+        IndexError
+            no such manoeuvre.
+        """
+        count = len(next(iter(self.values()), ()))
+        if not -count <= index < count:
+            raise IndexError(f"index must be below {count}, got {index}")
+        rows = {name: values[index] for name, values in self.trajectories.items()}
+        flown = [~np.isnan(row) for row in rows.values()]
+        samples = max((int(np.flatnonzero(row)[-1]) + 1 for row in flown if row.any()), default=0)
+        metrics = {name: float(values[index]) for name, values in self.items()}
+        return Trajectory({name: row[:samples] for name, row in rows.items()}, metrics)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles hold metrics and trajectories."""
@@ -243,6 +265,7 @@ def _pilot(
     """
     if schedule is not None and (law is not None or policy is not None):
         raise ConfigError("give one of law, policy and torques")
+    check_names(options, known_options())
     if policy is None:
         given = {name for name, value in (("task", task), ("config", config)) if value is not None}
         if extra := sorted(given | set(options)):
@@ -274,7 +297,7 @@ def rollout(
     progress: Callable[[int, int], object] | None = None,
     signals: Sequence[str] | None = None,
     decimation: int = 1,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> Rollout:
     """Flies many manoeuvres in parallel under a law, by a network or under given torques.
 
@@ -350,7 +373,12 @@ def rollout(
 
 
 def sample_scenarios(
-    task: str = "slew", *, seed: int = 0, n: int, config: ConfigLike = None, **options: Any
+    task: str = "slew",
+    *,
+    seed: int = 0,
+    n: int,
+    config: ConfigLike = None,
+    **options: Unpack[Options],
 ) -> list[dict[str, Any]]:
     """The manoeuvres that environments with these arguments fly in their first episodes.
 

@@ -20,20 +20,20 @@ from drm_env._batch import (
     Info,
     Observations,
     count,
-    end_infos,
+    episode_rows,
     final_infos,
     lane_options,
     masked_info,
     reset_mask,
     seed_list,
     shared_info,
-    shortened,
-    terms_info,
 )
 from drm_env._common import (
     CONTEXT_KEYS,
+    EPISODE_KEYS,
     REWARD_KEYS,
     ClosedEngine,
+    OptionsAreNoAttributes,
     action_box,
     batch_box,
     convert_action,
@@ -41,6 +41,7 @@ from drm_env._common import (
     observation_box,
     own_metadata,
     seed_bytes,
+    step_limit,
 )
 from drm_env._contexts import Contexts
 from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
@@ -49,7 +50,10 @@ from drm_env.lane import Lane
 from drm_env.observation import ObservationEntry, bounds, layout_of
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from drm_env._config import EnvConfig
+    from drm_env._options import Options, Parameters
 
 __all__ = ["DrmVectorEnv"]
 
@@ -61,21 +65,36 @@ _MODES = {
 }
 
 _RENDER_MODES = ["rgb_array", "ansi"]
+_RESIDUAL_ENERGY = _engine.metric_names().index("residual_energy")
 
 
-class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+def _constant(value: float | bool, num_envs: int) -> NDArray[Any]:
+    """A read-only array of shape (num_envs,) with the same number everywhere."""
+    array = np.full(num_envs, value)
+    array.flags.writeable = False
+    return array
+
+
+class DrmVectorEnv(
+    OptionsAreNoAttributes, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
+):
     """A batch of `DrmEnv`, stepped in Rust with the lanes spread over threads.
 
     Sub-environment i is the single environment with seed + i, bit for bit, for any batch size and
     any number of threads. Autoreset, observations, rewards, flags and infos are those of
-    `gymnasium.vector.SyncVectorEnv` around the single environments.
+    `gymnasium.vector.SyncVectorEnv` around the single environments, but for one thing: what the
+    infos say of the episode as a whole (``metrics/...``, ``diverged``, ``is_success``) holds where
+    an episode has ended alone. Elsewhere the masks are false, as masks of Gymnasium are where there
+    is nothing; the keys are the same in every info.
 
     Parameters
     ----------
     num_envs
         number of sub-environments.
     max_episode_steps
-        shortens the horizon to so many steps, if that is shorter.
+        step limit, as ``gymnasium.wrappers.TimeLimit`` around each sub-environment: episodes that
+        have so many steps are truncated, and nothing else changes. ``None`` and -1: no limit but
+        the horizon. One longer than the horizon does nothing but warn.
     render_mode
         ``"rgb_array"`` or ``"ansi"``; ``render`` returns one frame a sub-environment.
     autoreset_mode
@@ -107,10 +126,10 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         num_threads: int | None = None,
         task: str = "slew",
         config: ConfigLike = None,
-        **options: Any,
+        **options: Unpack[Options],
     ) -> None:
         num_envs = count("num_envs", num_envs)
-        if max_episode_steps is not None:
+        if max_episode_steps is not None and max_episode_steps != -1:
             max_episode_steps = count("max_episode_steps", max_episode_steps)
         if num_threads is not None:
             num_threads = count("num_threads", num_threads)
@@ -129,14 +148,17 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.copy = bool(copy)
-        self._config_json = shortened(resolve(task, config, options), max_episode_steps)
-        self._arguments = (num_envs, _MODES[self.autoreset_mode], num_threads)
+        self._config_json = resolve(task, config, options)
         self.metadata = {
             **own_metadata(self.control_period),
             "render_modes": _RENDER_MODES,
             "autoreset_mode": self.autoreset_mode,
         }
+        limit = None if max_episode_steps == -1 else max_episode_steps
+        self._arguments = (num_envs, _MODES[self.autoreset_mode], num_threads, limit)
         self._engine = _engine.Batch(self._config_json, *self._arguments)
+        self._episode_steps = step_limit(limit, self._engine.horizon_steps)
+        self._cut = self._episode_steps < self._engine.horizon_steps
         self._observation_size = self._engine.observation_size
 
         low, high = bounds(self.observation_layout)
@@ -145,16 +167,18 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         self.observation_space = batch_box(self.single_observation_space, num_envs)
         self.action_space = batch_box(self.single_action_space, num_envs)
         self._action_shape = (num_envs, self._engine.action_size)
-        self._horizon_steps = self._engine.horizon_steps
         self._spec: EnvSpec | None = None
         self._seeded = False
         self._buffers = None if self.copy else self._allocate()
-        self._everywhere = np.ones(num_envs, dtype=np.bool_)
-        self._everywhere.flags.writeable = False
-        self._contexts = Contexts(num_envs)
+        self._lane_seeds: list[int] | None = None
+        self._make_templates()
+
+    def _make_templates(self) -> None:
+        """What is derived from the rest, and not kept in a pickle."""
+        self._everywhere = _constant(True, self.num_envs)
+        self._contexts = Contexts(self.num_envs)
         self._ended_contexts = self._contexts
-        self._context_info: Info = {}
-        self._step_info: Info = {}
+        self._info: Info = {}
         self._lanes: list[Lane] = []
 
     def _allocate(self) -> Buffers:
@@ -176,13 +200,13 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
 
     @spec.setter
     def spec(self, value: EnvSpec | None) -> None:
-        self._spec = json_spec(value, self._horizon_steps)
+        self._spec = json_spec(value, self._episode_steps)
 
     def reset(
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        options: dict[str, Any] | Sequence[dict[str, Any] | None] | None = None,
     ) -> tuple[Observations, Info]:
         """Starts an episode in each sub-environment, or in those of a mask.
 
@@ -194,6 +218,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             parameters of the scenario for this episode alone, by their keyword names; an
             array of shape (num_envs,) gives each sub-environment its own. The entry
             ``"reset_mask"``, a boolean array of shape (num_envs,), resets only where it holds.
+            Or a sequence of num_envs such dictionaries, without masks.
 
         Returns
         -------
@@ -211,13 +236,16 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=operator.index(seed))
         mask = None
-        if options is not None and "reset_mask" in options:
+        if isinstance(options, Mapping) and "reset_mask" in options:
             mask = reset_mask(options["reset_mask"], self.num_envs)
             options = {name: value for name, value in options.items() if name != "reset_mask"}
         observations = self._reset(seeds, lane_options(options, self.num_envs), mask)
-        if mask is None:
-            return observations, self._context_info.copy()
-        return observations, masked_info(CONTEXT_KEYS, self._contexts.rows, mask)
+        info = self._info.copy()
+        if mask is not None:
+            info.update(masked_info(CONTEXT_KEYS, self._contexts.shown, mask))
+            for key in REWARD_KEYS:
+                info[f"_{key}"] = mask.copy()
+        return observations, info
 
     def reset_lanes(
         self, seeds: Sequence[int | None], options: Sequence[Mapping[str, Any]]
@@ -234,15 +262,21 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     ) -> Observations:
         if mask is not None and not self._seeded:
             raise ResetNeededError("reset_mask needs a reset of every sub-environment before")
-        if not self._seeded:
-            missing = [index for index, value in enumerate(seeds) if value is None]
-            drawn = self.np_random.integers(2**63, size=len(missing))
-            for index, value in zip(missing, drawn.tolist(), strict=True):
-                seeds[index] = value
+        if not self._seeded and None in seeds:
+            # -1 is that of a generator that was put in the place of the environment's own
+            first = super().np_random_seed
+            if first is None or first == -1:
+                first = int(self.np_random.integers(2**63))
+            seeds = [first + i if value is None else value for i, value in enumerate(seeds)]
         encoded = [None if value is None else seed_bytes(value) for value in seeds]
         buffers = self._buffers or self._allocate()
         self._engine.reset(encoded, texts, mask, buffers.observations)
         self._seeded = True
+        last = self._lane_seeds or [-1] * self.num_envs
+        self._lane_seeds = [
+            old if new is None or (mask is not None and not mask[index]) else new
+            for index, (old, new) in enumerate(zip(last, seeds, strict=True))
+        ]
         self._read_context(everywhere=mask is None)
         return buffers.observations
 
@@ -275,7 +309,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         if any_reset or any_done:
             info = self._eventful_info(buffers)
         else:
-            info = self._step_info.copy()
+            info = self._info.copy()
             info.update(zip(REWARD_KEYS, buffers.terms.T, strict=True))
         return (*buffers[:4], info)
 
@@ -335,7 +369,11 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             whether it diverged and whether it settled (num_envs,).
         """
         engine = self._engine
-        return engine.final_obs(), engine.metrics(), engine.diverged(), engine.success()
+        metrics = engine.metrics()
+        if self._cut:
+            # a manoeuvre that was not flown to its end has no energy left at its end
+            metrics[~engine.diverged(), _RESIDUAL_ENERGY] = np.nan
+        return engine.final_obs(), metrics, engine.diverged(), engine.success()
 
     def render(self) -> tuple[Any, ...] | None:
         """One frame of each sub-environment, as `DrmEnv.render` returns it."""
@@ -357,33 +395,31 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             self._contexts = self._contexts.read(self._engine)
         else:
             self._contexts = self._contexts.after_resets(self._engine)
-        self._context_info = shared_info(CONTEXT_KEYS, self._contexts.rows, self._everywhere)
         # with a place for every key, so that a step only puts in what is its own
-        self._step_info = {
-            **self._context_info,
-            **shared_info(REWARD_KEYS, (self._everywhere,) * len(REWARD_KEYS), self._everywhere),
+        zeros, nowhere = _constant(0.0, self.num_envs), _constant(False, self.num_envs)
+        self._info = {
+            **shared_info(CONTEXT_KEYS, self._contexts.shown, self._everywhere),
+            **shared_info(REWARD_KEYS, (zeros,) * len(REWARD_KEYS), self._everywhere),
+            **shared_info(EPISODE_KEYS, (zeros,) * len(EPISODE_KEYS), nowhere),
         }
 
     def _eventful_info(self, buffers: Buffers) -> Info:
         """The infos of a step in which episodes ended or began."""
         done = buffers.terminated | buffers.truncated
-        info = self._context_info.copy()
-        ended: Info = {}
+        info = self._info.copy()
+        terms = buffers.terms.T
         if done.any():
             last, metrics, diverged, settled = self.ended()
-            ended = end_infos(metrics, diverged, settled, done)
-        if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
-            ended.update(masked_info(CONTEXT_KEYS, self._ended_contexts.rows, done))
-            ended.update(masked_info(REWARD_KEYS, buffers.terms.T, done))
-            info.update(final_infos(last, ended, done))
-            stepped = ~done
-        else:
-            info.update(ended)
-            stepped = ~self._engine.reset_happened()
-        if stepped.all():
-            info.update(terms_info(buffers.terms, self._everywhere))
-        elif stepped.any():
-            info.update(masked_info(REWARD_KEYS, buffers.terms.T, stepped))
+            ended = masked_info(EPISODE_KEYS, episode_rows(metrics, diverged, settled), done)
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                ended.update(masked_info(CONTEXT_KEYS, self._ended_contexts.shown, done))
+                ended.update(masked_info(REWARD_KEYS, terms, done))
+                info.update(final_infos(last, ended, done))
+                # what has begun anew has not been paid yet
+                terms = np.where(done, 0.0, terms)
+            else:
+                info.update(ended)
+        info.update(zip(REWARD_KEYS, terms, strict=True))
         return info
 
     # -- What the environment is -------------------------------------------------------------
@@ -409,9 +445,18 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         return layout_of(self._config_json)
 
     @property
-    def np_random_seed(self) -> int | None:
-        """The seed given last as one integer, or that of the entropy drawn in its place."""
-        return super().np_random_seed
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each sub-environment's stream of episodes, as of ``SyncVectorEnv``.
+
+        ``reset(seed=...)`` with it begins the streams again, also those that were not seeded by
+        the user. -1 where only a snapshot knows.
+        """
+        if self._lane_seeds is None:
+            first = super().np_random_seed
+            if first is None or first == -1:
+                return (-1,) * self.num_envs
+            return tuple(first + index for index in range(self.num_envs))
+        return tuple(self._lane_seeds)
 
     # -- Sub-environments --------------------------------------------------------------------
 
@@ -422,15 +467,16 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             self._lanes = [Lane(self, index) for index in range(self.num_envs)]
         return self._lanes
 
-    def set_context(self, **context: Any) -> None:
-        """Fixes parameters of the scenario from the next episodes on, until changed.
+    def set_context(self, **context: Unpack[Parameters]) -> None:
+        """Sets parameters of the scenario from the next episodes on, until changed.
 
         Parameters
         ----------
         **context
-            values by their keyword names, one for all or an array of shape
-            (num_envs,). They replace those of an earlier call; none at all brings back the
-            environment's own. For a single sub-environment see ``lanes[i].set_context``.
+            values by their keyword names, one for all or an array of shape (num_envs,); ranges,
+            choices and distributions as for `DrmEnv.set_context`, drawn by each sub-environment.
+            They replace those of an earlier call; none at all brings back the environment's own.
+            For a single sub-environment see ``lanes[i].set_context``.
 
         Raises
         ------
@@ -455,6 +501,9 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         ------
         ValueError
             a list or tuple whose length is not ``num_envs``.
+        ConfigError
+            an option's name (see `set_context`), or what is the same for the whole batch; nothing
+            has been set.
         """
         if not isinstance(values, (list, tuple)):
             values = [values] * self.num_envs
@@ -492,9 +541,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         state = self.__dict__.copy()
         engine = state.pop("_engine")
         state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
-        for name in (
-            "_lanes", "_contexts", "_ended_contexts", "_context_info", "_step_info", "_everywhere",
-        ):  # fmt: skip
+        for name in ("_lanes", "_contexts", "_ended_contexts", "_info", "_everywhere"):
             state.pop(name)
         return state
 
@@ -509,13 +556,7 @@ class DrmVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         state = state.copy()
         snapshot = state.pop("_snapshot")
         self.__dict__.update(state)
-        self._lanes = []
-        self._contexts = Contexts(self.num_envs)
-        self._ended_contexts = self._contexts
-        self._context_info = {}
-        self._step_info = {}
-        self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        self._everywhere.flags.writeable = False
+        self._make_templates()
         if snapshot is None:
             self._engine = ClosedEngine()  # type: ignore[assignment]
         else:

@@ -203,12 +203,9 @@ def _fly_chunk(
             # counts, or short episodes would weigh more.
             ended = starts & ~finished
             if ended.any():
-                for key, values in info.items():
-                    if key.startswith("metrics/"):
-                        column = metrics.setdefault(
-                            key.removeprefix("metrics/"), np.full(count, np.nan)
-                        )
-                        column[ended] = np.asarray(values, dtype=np.float64)[ended]
+                for name, values in drm_env.info_metrics(info).items():
+                    column = metrics.setdefault(name, np.full(count, np.nan))
+                    column[ended] = values[ended]
                 finished |= ended
         return metrics
     finally:

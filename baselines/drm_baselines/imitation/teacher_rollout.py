@@ -51,11 +51,7 @@ class Flight:
                 looked(k, observations, states, advice)
                 actions = advice if student is None else student(observations)
                 observations, *_, info = env.step(actions)
-            return {
-                name.removeprefix("metrics/"): np.asarray(values)
-                for name, values in info.items()
-                if name.startswith("metrics/")
-            }
+            return drm_env.info_metrics(info)
         finally:
             env.close()
 

@@ -376,11 +376,10 @@ def fly_one(
                 break
     finally:
         env.close()
-    prefix = "metrics/"
     metrics = {
-        name.removeprefix(prefix): float(values[0])
-        for name, values in info.items()
-        if name.startswith(prefix) and name != f"{prefix}episode_return"
+        name: float(values[0])
+        for name, values in drm_env.info_metrics(info).items()
+        if name != "episode_return"
     }
     return {**metrics, "plans": float(controller.plans)}
 

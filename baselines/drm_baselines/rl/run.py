@@ -62,9 +62,9 @@ class Monitor(BaseCallback):
         return not self._stop.is_set()
 
     def _take(self, infos: list[dict[str, Any]], dones: Any) -> None:
-        ended = [infos[index] for index in np.flatnonzero(dones)]
+        ended = [drm_env.info_metrics(infos[index]) for index in np.flatnonzero(dones)]
         for name in _CURVE_METRICS:
-            values = [info.get(f"metrics/{name}", np.nan) for info in ended]
+            values = [metrics[name] for metrics in ended]
             known = [value for value in values if np.isfinite(value)]
             if not known:
                 continue

@@ -76,13 +76,14 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (config, num_envs, autoreset, num_threads))]
+    #[pyo3(signature = (config, num_envs, autoreset, num_threads, max_steps))]
     fn new(
         py: Python<'_>,
         config: &str,
         num_envs: usize,
         autoreset: &str,
         num_threads: Option<usize>,
+        max_steps: Option<usize>,
     ) -> Outcome<Self> {
         detached(py, || {
             let mode = match autoreset {
@@ -95,7 +96,10 @@ impl Batch {
                 }
             };
             let config = Arc::new(EnvConfig::from_json(config)?);
-            let engine = Engine::new(Arc::clone(&config), num_envs, mode, num_threads)?;
+            let mut engine = Engine::new(Arc::clone(&config), num_envs, mode, num_threads)?;
+            if let Some(steps) = max_steps {
+                engine = engine.limited(steps)?;
+            }
             Ok(Self {
                 num_envs,
                 action_size: config.task.actuators.len(),

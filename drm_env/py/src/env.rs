@@ -5,10 +5,12 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use drm_env::config::EnvConfig;
 use drm_env::error::{Error, SimulationError};
 use drm_env::flight::Flight;
+use drm_env::metrics::METRIC_NAMES;
 use drm_env::parameter::{Overrides, overrides};
 use drm_env::rng::Seed;
 use drm_env::rollout::{SIGNAL_NAMES, signals};
 use drm_env::scene::scene;
+use drm_env::task::REWARD_NAMES;
 use drm_env::{Env as Engine, Scenario, render};
 use pyo3::prelude::*;
 
@@ -44,6 +46,22 @@ pub(crate) fn scenario_text(scenario: &Scenario) -> String {
 /// A picture of the flight as bytes, row by row.
 pub(crate) fn picture(engine: &Engine, width: u32, height: u32) -> Result<Vec<u8>, Error> {
     Ok(render::draw(&scene(flight(engine)?), width, height))
+}
+
+/// Entries of a report.
+const REPORT: usize = REWARD_NAMES.len() + METRIC_NAMES.len() + 2;
+
+/// See `Env.report`.
+fn report(engine: &Engine) -> [f64; REPORT] {
+    let metrics = engine.progress();
+    let flags = [metrics.diverged, metrics.settled].map(|flag| if flag { 1.0 } else { 0.0 });
+    let mut values = engine
+        .reward_terms()
+        .into_iter()
+        .chain(metrics.values())
+        .chain(flags)
+        .map(|value| if value.is_finite() { value } else { f64::MAX });
+    std::array::from_fn(|_| values.next().unwrap_or(f64::MAX))
 }
 
 /// One environment; see the class of the same name in the Python package.
@@ -126,28 +144,24 @@ impl Env {
         self.with(py, |engine| Ok(engine.set_context(settings(options)?)?))
     }
 
-    /// One control period: observation, reward, terminated, truncated and the reward's terms.
+    /// One control period: observation, reward, terminated, truncated and the report.
     #[allow(clippy::type_complexity)]
     fn step<'py>(
         &self,
         py: Python<'py>,
         action: In1<'py, f32>,
-    ) -> Outcome<(Out1<'py, f32>, f64, bool, bool, (f64, f64, f64))> {
+    ) -> Outcome<(Out1<'py, f32>, f64, bool, bool, Out1<'py, f64>)> {
         let action = action.slice();
-        let (outcome, [vibration, slew, effort], observation) = self.with(py, |engine| {
+        let (outcome, report, observation) = self.with(py, |engine| {
             let outcome = engine.step(action)?;
-            Ok((
-                outcome,
-                engine.reward_terms(),
-                engine.observation().to_vec(),
-            ))
+            Ok((outcome, report(engine), engine.observation().to_vec()))
         })?;
         Ok((
             Out1::vector(py, &observation),
             outcome.reward,
             outcome.terminated,
             outcome.truncated,
-            (vibration, slew, effort),
+            Out1::vector(py, &report),
         ))
     }
 
@@ -157,20 +171,11 @@ impl Env {
         Ok(Out1::vector(py, &values))
     }
 
-    /// Metrics of the episode so far, in the order of `metric_names`.
-    fn metrics<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
-        let values = self.with(py, |engine| Ok(engine.metrics().values()))?;
+    /// The last reward's terms, the metrics of the episode so far, whether it diverged and whether
+    /// the arm has settled; the largest double where a number does not exist.
+    fn report<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
+        let values = self.with(py, |engine| Ok(report(engine)))?;
         Ok(Out1::vector(py, &values))
-    }
-
-    /// Whether the arm has settled so far.
-    fn is_success(&self, py: Python<'_>) -> Outcome<bool> {
-        self.with(py, |engine| Ok(engine.metrics().settled))
-    }
-
-    /// Whether the episode ended by divergence or at a limit of the structure.
-    fn diverged(&self, py: Python<'_>) -> Outcome<bool> {
-        self.with(py, |engine| Ok(engine.diverged()))
     }
 
     /// Whether there has been an episode at all.
