@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -95,7 +96,12 @@ def test_a_policy_flies_the_episodes_of_the_environment_to_the_bit(
 def test_evaluation_by_the_engine_agrees_with_stepping_vector_environments() -> None:
     env_id = "drm_env/SlewResidual-v0"
     config = environment_config(env_id, SHORT)
-    description = {"env_id": env_id, "config": {}, "control_period": 0.02}
+    description = {
+        "env_id": env_id,
+        "config": asdict(config),
+        "control_period": 0.02,
+        "observation_layout": [list(entry) for entry in drm_env.observation_layout(config=config)],
+    }
     policy = NetworkPolicy(perceptron("slew_residual", config=config), description)
 
     class Stepped(NetworkPolicy):
