@@ -11,11 +11,14 @@ use crate::crew::{Crew, Rows, crews};
 use crate::env::{Env, check_finite, check_phase};
 use crate::error::{ConfigError, Error, SimulationError, SnapshotError};
 use crate::flight::lanes_of;
+use crate::interruption;
 use crate::lane::Instructions;
 use crate::metrics::Metrics;
 use crate::parameter::Overrides;
 use crate::pool::Pool;
 use crate::rng::Seed;
+
+pub use crate::pool::panic_after_parts;
 
 /// What happens to an environment whose episode has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,6 +102,9 @@ pub struct Batch {
 /// Entries of [`Batch::coordinates`].
 pub const COORDINATES: usize = 6;
 
+/// What a caller keeps of each environment, bytes, about: contexts, results of a step, seeds.
+const CALLER_BYTES: usize = 512;
+
 /// Below this many samples in a call, threads cost more than they give.
 const SAMPLES_WORTH_A_THREAD: usize = 200;
 
@@ -153,9 +159,12 @@ impl Batch {
         }
         let env = Env::with_setup(Setup::new(&config)?)?;
         let available = std::thread::available_parallelism().map_or(1, usize::from);
-        let crews = crews(&env, count, instructions)?;
+        // what a call makes of each: drafts of a reset, or snapshots and their copies; and the caller's
+        let each = 2 * size_of::<Draft>() + 4 * size_of_val(env.observation()) + CALLER_BYTES;
+        let crews = crews(&env, count, instructions, each)?;
         let width = crews.first().map_or(1, |crew| crew.width());
         let mut left = count;
+        let number = crews.len();
         let groups = crews
             .into_iter()
             .map(|crew| {
@@ -183,7 +192,8 @@ impl Batch {
             any_ended: false,
             any_waiting: false,
             failure: None,
-            threads: threads.unwrap_or(available),
+            // with more than groups some would have nothing to do
+            threads: threads.unwrap_or(available).min(number),
             pool: Pool::default(),
         })
     }
@@ -262,19 +272,24 @@ impl Batch {
             check_length("reset_mask", count, mask.len())?;
         }
         let none = Overrides::new();
-        let mut drafts = Vec::with_capacity(count);
-        for (i, (group, lane)) in self.places().enumerate() {
-            if mask.is_none_or(|mask| mask[i]) {
-                let crew = &self.groups[group].crew;
-                let draft = crew.draw(lane, seeds[i], once.map_or(&none, |once| &once[i]))?;
-                drafts.push((group, lane, draft));
+        let drafts = interruption::still(|| {
+            let mut drafts = Vec::with_capacity(count);
+            for (i, (group, lane)) in self.places().enumerate() {
+                if mask.is_none_or(|mask| mask[i]) {
+                    interruption::poll();
+                    let crew = &self.groups[group].crew;
+                    let draft = crew.draw(lane, seeds[i], once.map_or(&none, |once| &once[i]))?;
+                    drafts.push((group, lane, draft));
+                }
             }
-        }
+            Ok::<_, ConfigError>(drafts)
+        })?;
         for group in &mut self.groups {
             group.began = 0;
             group.ended.clear();
         }
         for (group, lane, draft) in drafts {
+            interruption::poll();
             let group = &mut self.groups[group];
             group.crew.begin(lane, &draft)?;
             group.running |= 1 << lane;
@@ -299,14 +314,19 @@ impl Batch {
     /// A list of the wrong length, or settings that cannot be flown: then nothing has changed.
     pub fn set_context(&mut self, settings: &[Overrides]) -> Result<(), Error> {
         check_length("context", self.count, settings.len())?;
-        let mut last = None;
-        for ((group, lane), settings) in self.places().zip(settings) {
-            // what many have in common is judged once
-            if last.replace(settings) != Some(settings) {
-                self.groups[group].crew.check_context(lane, settings)?;
+        interruption::still(|| {
+            let mut last = None;
+            for ((group, lane), settings) in self.places().zip(settings) {
+                interruption::poll();
+                // what many have in common is judged once
+                if last.replace(settings) != Some(settings) {
+                    self.groups[group].crew.check_context(lane, settings)?;
+                }
             }
-        }
+            Ok::<_, ConfigError>(())
+        })?;
         for ((group, lane), settings) in self.places().zip(settings) {
+            interruption::poll();
             self.groups[group].crew.set_context(lane, settings.clone());
         }
         Ok(())
@@ -498,7 +518,10 @@ impl Batch {
     pub fn get_state(&self) -> Vec<u8> {
         let states: Vec<Vec<u8>> = self
             .places()
-            .map(|(group, lane)| self.groups[group].crew.one(lane).get_state())
+            .map(|(group, lane)| {
+                interruption::poll();
+                self.groups[group].crew.one(lane).get_state()
+            })
             .collect();
         // lists of bytes always serialise
         let body = postcard::to_allocvec(&states).unwrap_or_default();
@@ -534,15 +557,20 @@ impl Batch {
             let text = format!("it holds {got} environments, the batch has {count}");
             return Err(SnapshotError::Damaged(text).into());
         }
-        let mut envs = Vec::with_capacity(count);
-        for ((group, lane), bytes) in self.places().zip(&states) {
-            let mut env = self.groups[group].crew.one(lane);
-            env.set_state(bytes)?;
-            envs.push(env);
-        }
+        let envs = interruption::still(|| {
+            let mut envs = Vec::with_capacity(count);
+            for ((group, lane), bytes) in self.places().zip(&states) {
+                interruption::poll();
+                let mut env = self.groups[group].crew.one(lane);
+                env.set_state(bytes)?;
+                envs.push(env);
+            }
+            Ok::<_, Error>(envs)
+        })?;
         let autoreset = self.autoreset;
         self.ready = false;
         for ((group, lane), env) in self.places().zip(envs) {
+            interruption::poll();
             self.groups[group].restore(lane, &env, autoreset);
         }
         self.recount();

@@ -8,6 +8,7 @@ use crate::batch::{Autoreset, Batch, StepBuffers};
 use crate::config::EnvConfig;
 use crate::env::Env;
 use crate::error::{ConfigError, Error};
+use crate::interruption;
 use crate::lane::{Instructions, Laned, Pack};
 use crate::leg::{Carried, Leg, Switches, WheelDrive};
 use crate::parameter::Overrides;
@@ -93,6 +94,7 @@ impl<T: Vector> Manoeuvre<T> {
         let begin = Instant::now();
         let mut steps = 0;
         while steps < least {
+            interruption::poll();
             steps += T::enter(Slew(&mut self));
         }
         let seconds = begin.elapsed().as_secs_f64();
@@ -158,6 +160,9 @@ impl<T: Vector> Work for Slew<'_, T> {
     }
 }
 
+/// Steps of one environment between two looks whether to stop: often enough, and nothing in the time.
+const STEPS_BETWEEN_POLLS: usize = 64;
+
 /// Seconds that a single environment takes for so many control periods under small actions, resets
 /// included.
 ///
@@ -169,7 +174,10 @@ pub fn environment(config: &Arc<EnvConfig>, steps: usize) -> Result<f64, Error> 
     env.reset(Some(Seed::default()), &none)?;
     let action = vec![0.01; config.task.actuators.len()];
     let begin = Instant::now();
-    for _ in 0..steps {
+    for step in 0..steps {
+        if step.is_multiple_of(STEPS_BETWEEN_POLLS) {
+            interruption::poll();
+        }
         let outcome = env.step(&action)?;
         if outcome.terminated || outcome.truncated {
             env.reset(None, &none)?;
@@ -213,6 +221,7 @@ pub fn batch(
     step(&mut batch)?;
     let begin = Instant::now();
     for _ in 0..steps {
+        interruption::poll();
         step(&mut batch)?;
     }
     Ok(begin.elapsed().as_secs_f64())

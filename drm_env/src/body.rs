@@ -10,6 +10,7 @@ use crate::arm::PayloadProperties;
 use crate::error::ConfigError;
 use crate::flight::Span;
 use crate::implicit::GeneralizedAlpha;
+use crate::interruption;
 use crate::lane::{Laned, Number, laned};
 use crate::leg::{WheelDrive, slew_torque};
 use crate::plant::consistent::{CAPACITY, ConsistentLanes, ConsistentPlant, ConsistentState};
@@ -325,6 +326,18 @@ impl<T: Number> Body<T> {
         }
     }
 
+    /// Memory of it and of its motion beside what they are themselves, bytes.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Thesis(_) => 0,
+            Self::Consistent(body) => {
+                size_of::<Consistent<T>>()
+                    + size_of::<Seen<T>>()
+                    + body.plants.len() * size_of::<ConsistentPlant>()
+            }
+        }
+    }
+
     /// Whether another body can be a lane of this one.
     pub fn accepts(&self, single: &Body<f64>) -> bool {
         match (self, single) {
@@ -384,6 +397,9 @@ impl<T: Number> Consistent<T> {
     }
 }
 
+/// Steps within a sample after which it is time to look whether the work shall stop.
+const STEPS_BETWEEN_POLLS: usize = 512;
+
 /// The consistent plant over a span of the timeline.
 pub(crate) struct Implicit<'a, T: Number> {
     pub(crate) body: &'a Consistent<T>,
@@ -430,6 +446,9 @@ impl<T: Number> Work for Implicit<'_, T> {
         let balance = scheme.balance_point();
         let mut begin = from;
         for step in 0..self.span.steps {
+            if step % STEPS_BETWEEN_POLLS == STEPS_BETWEEN_POLLS - 1 {
+                interruption::poll();
+            }
             let root = self.drives[0].step(false, self.wheels[0], h);
             let tip = self.drives[1].step(false, self.wheels[1], h);
             let end = if step + 1 == self.span.steps {

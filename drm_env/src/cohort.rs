@@ -161,6 +161,14 @@ impl<T: Number> Cohort<T> {
         self.observations[lane * size..][..size].copy_from_slice(&single.observations);
     }
 
+    /// Memory of it, bytes, about.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of::<Self>() - size_of::<Flight<T>>()
+            + self.flight.bytes()
+            + self.members.len() * size_of::<Member>()
+            + size_of_val(self.observations.as_slice())
+    }
+
     /// Observation of one lane, scaled, oldest frame first.
     pub(crate) fn observation_of(&self, lane: usize) -> &[f32] {
         let size = self.setup.observation_size;

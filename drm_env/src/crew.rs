@@ -9,7 +9,9 @@ use crate::config::context;
 use crate::env::Env;
 use crate::error::ConfigError;
 use crate::flight::lanes_of;
+use crate::interruption;
 use crate::lane::{Instructions, Pack};
+use crate::memory;
 use crate::parameter::{COUNT, Overrides};
 use crate::rng::Seed;
 use crate::vector::Vector;
@@ -28,6 +30,8 @@ pub(crate) struct Rows<'a> {
 pub(crate) trait Crew: Send + Sync + Debug {
     /// Number of lanes.
     fn width(&self) -> usize;
+    /// Memory of it, bytes, about.
+    fn bytes(&self) -> usize;
     /// One control period of the lanes whose bits are set; writes their rows.
     fn step(&mut self, actions: &[f32], lanes: u32, rows: &mut Rows<'_>);
     /// Writes the row of a lane that has not been stepped.
@@ -64,6 +68,10 @@ pub(crate) trait Crew: Send + Sync + Debug {
 impl<T: Vector> Crew for Cohort<T> {
     fn width(&self) -> usize {
         T::WIDTH
+    }
+
+    fn bytes(&self) -> usize {
+        Cohort::bytes(self)
     }
 
     fn step(&mut self, actions: &[f32], lanes: u32, rows: &mut Rows<'_>) {
@@ -167,14 +175,16 @@ pub(crate) fn widths(count: usize, instructions: Instructions) -> Vec<usize> {
     widths
 }
 
-/// Copies of an environment for a number of them, side by side as the instructions allow.
+/// Copies of an environment for a number of them, side by side as the instructions allow. `each` is what
+/// every one takes beside its copy, bytes.
 ///
 /// # Errors
-/// Instructions that the processor does not have.
+/// Instructions that the processor does not have; more than fits into memory.
 pub(crate) fn crews(
     env: &Env,
     count: usize,
     instructions: Instructions,
+    each: usize,
 ) -> Result<Vec<Box<dyn Crew>>, ConfigError> {
     if instructions > Instructions::detect() {
         let requirement = "must be instructions that the processor has";
@@ -195,5 +205,14 @@ pub(crate) fn crews(
             _ => Box::new(env.clone()),
         }
     };
-    Ok(widths(count, instructions).into_iter().map(crew).collect())
+    let widest = crew(instructions.lanes());
+    let lane = widest.bytes() / widest.width() + each;
+    let bytes = count as u128 * lane as u128;
+    memory::check("num_envs", count, bytes, None, "a smaller number")?;
+    let widths = widths(count, instructions).into_iter();
+    let polled = widths.map(|width| {
+        interruption::poll();
+        crew(width)
+    });
+    Ok(polled.collect())
 }

@@ -10,6 +10,7 @@ use crate::config::{EnvConfig, context};
 use crate::distribution::{Distribution, Setting};
 use crate::error::{ConfigError, Error, SimulationError, SnapshotError};
 use crate::flight::{Flight, FlightState, Plan};
+use crate::interruption;
 use crate::metrics::Metrics;
 use crate::parameter::{COUNT, Overrides};
 use crate::rng::{Purpose, Seed, Stream};
@@ -416,6 +417,9 @@ pub(crate) fn fingerprint(config: &EnvConfig) -> u64 {
 pub fn sample_scenarios(config: &EnvConfig, seeds: &[Seed]) -> Result<Vec<Scenario>, ConfigError> {
     seeds
         .iter()
-        .map(|&seed| config.draw(seed, 0, &[]))
+        .map(|&seed| {
+            interruption::poll();
+            config.draw(seed, 0, &[])
+        })
         .collect()
 }

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::actuator::WheelState;
 use crate::body::{Body, Implicit, Motion, Outputs};
 use crate::control::{KnownInertia, LawMemory, Measurement, WheelTorques};
+use crate::distribution::Setting;
 use crate::error::{ConfigError, SnapshotError};
+use crate::interruption;
 use crate::lane::{Laned, Number, laned};
 use crate::leg::{Carried, Leg, Switches, WheelDrive};
 use crate::lines::Lines;
@@ -54,6 +56,9 @@ pub struct FlightState {
     measured: [f64; 4],
     lines: Option<Box<Lines>>,
 }
+
+/// Integration steps after which it is time to look whether the work shall stop: some milliseconds.
+const STEPS_BETWEEN_POLLS: usize = 4096;
 
 /// Slew rate below which a payload is not identified, rad/s: a tenth of a second at 0.02 rad/s^2.
 const SLOWEST_IDENTIFICATION: f64 = 2e-3;
@@ -500,6 +505,22 @@ impl<T: Number> Flight<T> {
         )
     }
 
+    /// Samples after which it is time to look whether the work shall stop.
+    pub(crate) fn samples_between_polls(&self) -> usize {
+        (STEPS_BETWEEN_POLLS / self.shared.steps).max(1)
+    }
+
+    /// Memory of it, bytes, about: less where lanes have the same.
+    pub(crate) fn bytes(&self) -> usize {
+        let lines = |lane: &Manoeuvre| lane.lines.as_ref().map_or(0, |lines| lines.bytes());
+        let lanes: usize = self.manoeuvres.iter().map(lines).sum();
+        size_of::<Self>()
+            + size_of::<Scenario>()
+            + self.manoeuvres.len() * (size_of::<Manoeuvre>() + size_of::<[Setting; 4]>())
+            + lanes
+            + self.body.bytes()
+    }
+
     /// Flies up to so many samples.
     #[inline(always)]
     pub(crate) fn fly<P: Pilot<T>>(&mut self, samples: usize, pilot: &mut P)
@@ -507,7 +528,13 @@ impl<T: Number> Flight<T> {
         T: Vector,
     {
         let mut carried = Carried::nothing();
+        let mut steps = 0;
         for _ in 0..samples {
+            steps += self.shared.steps;
+            if steps > STEPS_BETWEEN_POLLS {
+                interruption::poll();
+                steps = 0;
+            }
             let resting = self.resting;
             let before = (resting != 0).then(|| (self.common, self.motion.clone(), self.clock));
             let (command, slew) = pilot.command(self);

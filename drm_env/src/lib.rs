@@ -18,7 +18,8 @@
 //! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
 //! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
 //! [`body`], [`flight`], [`validity`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them;
-//! [`transition`]: the linear model of a whole manoeuvre.
+//! [`transition`]: the linear model of a whole manoeuvre. [`interruption`]: how long work ends early;
+//! [`memory`]: what fits.
 //! [`render`], [`scene`]: pictures.
 
 pub mod actuator;
@@ -38,10 +39,12 @@ pub mod flight;
 pub mod functions;
 pub mod implicit;
 pub mod integrator;
+pub mod interruption;
 pub mod lane;
 mod leg;
 pub mod linear;
 mod lines;
+pub mod memory;
 pub mod metrics;
 pub mod modal;
 pub mod model;

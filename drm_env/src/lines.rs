@@ -48,6 +48,12 @@ impl Lines {
         }
     }
 
+    /// Memory of it, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        let numbers = self.root.len() + self.tip.len() + 4 * self.sensor.len();
+        size_of::<Self>() + numbers * size_of::<f64>()
+    }
+
     /// Whether the lines are those of the same manoeuvre at another time.
     pub(crate) fn fits(&self, other: &Self) -> bool {
         self.root.len() == other.root.len()

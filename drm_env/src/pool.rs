@@ -5,18 +5,49 @@
 //! nothing left. Each thread begins with a share of its own, the same in every call, so that what it
 //! needs stays in its cache, and helps the others when it is done. After a call helpers look out for the
 //! next one for a short while before they sleep.
+//!
+//! A forked process inherits a pool without its threads. It leaves what belongs to them alone and makes
+//! new ones.
 
-use std::cell::UnsafeCell;
+use std::cell::{Cell, UnsafeCell};
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering, fence};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+use crate::interruption::{self, Flag};
 
 /// How long a helper looks out for the next call before it sleeps.
 const LOOKOUT: Duration = Duration::from_micros(50);
 
 /// Parts that a thread at work must have left for another one to help it.
 const WORTH_THE_WAY: usize = 4;
+
+/// Parts after which a thread looks whether the work shall stop; long ones look themselves.
+const PARTS_BETWEEN_POLLS: usize = 16;
+
+/// Turns of waiting after which the calling thread looks whether the work shall stop.
+const TURNS_BETWEEN_LOOKS: usize = 4096;
+
+/// Parts until the next one that panics, for tests of what that leaves; the greatest number is never.
+static FAULT: AtomicUsize = AtomicUsize::new(usize::MAX);
+
+/// Lets a part of a later call panic, after so many others; for tests of what that leaves behind.
+#[doc(hidden)]
+pub fn panic_after_parts(parts: usize) {
+    FAULT.store(parts, Ordering::Relaxed);
+}
+
+/// Panics in the part that [`panic_after_parts`] has chosen.
+#[inline(always)]
+fn fault() {
+    if FAULT.load(Ordering::Relaxed) != usize::MAX {
+        assert!(
+            FAULT.fetch_sub(1, Ordering::Relaxed) != 0,
+            "a test has asked for this"
+        );
+    }
+}
 
 /// The helpers beside the calling thread, made at the first call that needs them and again in a forked
 /// process, which inherits none.
@@ -89,8 +120,14 @@ impl Post {
     /// Withdraws the job, or waits until the helper that is at it has ended its last part.
     fn finish(&self) {
         if self.swap(CALLED, IDLE).is_none() {
+            let mut turns = 0_usize;
             while self.state() == BUSY {
                 std::hint::spin_loop();
+                turns += 1;
+                if turns.is_multiple_of(TURNS_BETWEEN_LOOKS) {
+                    // tells the helpers, if it is so
+                    interruption::is_wanted();
+                }
             }
         }
     }
@@ -225,7 +262,9 @@ impl Helpers {
 impl Drop for Helpers {
     fn drop(&mut self) {
         if self.process != std::process::id() {
-            // the threads exist in the parent alone
+            // The threads exist in the parent alone. Handles would let go of them by numbers that are other
+            // threads' here.
+            std::mem::forget(std::mem::take(&mut self.threads));
             return;
         }
         for post in &self.desk.posts {
@@ -254,7 +293,7 @@ impl Pool {
     /// Does `work` on every part of so many shares, a thread for each, the calling one among them.
     ///
     /// # Panics
-    /// If `work` does, on whichever thread.
+    /// If `work` does, on whichever thread; if it shall stop, see [`interruption`].
     pub(crate) fn share<I>(
         &mut self,
         threads: usize,
@@ -263,8 +302,17 @@ impl Pool {
     ) where
         I: DoubleEndedIterator + ExactSizeIterator + Send,
     {
+        let counted = |done: &Cell<usize>, part: I::Item| {
+            fault();
+            work(part);
+            done.set(done.get() + 1);
+            if done.get().is_multiple_of(PARTS_BETWEEN_POLLS) {
+                interruption::poll();
+            }
+        };
         if threads < 2 {
-            return shares.flatten().for_each(work);
+            let done = Cell::new(0);
+            return shares.flatten().for_each(|part| counted(&done, part));
         }
         let shares: Vec<Apart<Mutex<Share<I>>>> = shares
             .map(|parts| Share {
@@ -274,21 +322,31 @@ impl Pool {
             .map(|share| Apart(Mutex::new(share)))
             .collect();
         // What every thread looks at shares no cache line with what the calling one writes.
-        let common = Apart((shares, work));
+        let common = Apart((shares, counted));
         let common = &common.0;
-        let run = Apart(move |thread: usize| {
+        let fly = move |thread: usize| {
             let (shares, work) = common;
+            let done = Cell::new(0);
             // the lock is let go before the work begins
             let first = || lock(&shares[thread].0).first();
             while let Some(part) = first() {
-                work(part);
+                work(&done, part);
             }
             // what the others have left, from their ends
             for other in (0..threads).filter(|other| *other != thread) {
                 let last = || lock(&shares[other].0).last();
                 while let Some(part) = last() {
-                    work(part);
+                    work(&done, part);
                 }
+            }
+        };
+        let (flag, stopped) = (Flag::here(), AtomicBool::new(false));
+        let stopped = &stopped;
+        let run = Apart(move |thread: usize| {
+            if thread == 0 {
+                fly(thread);
+            } else if flag.heed(|| fly(thread)).is_err() {
+                stopped.store(true, Ordering::Relaxed);
             }
         });
         let desk = self.desk(threads - 1);
@@ -311,6 +369,9 @@ impl Pool {
         desk.wake();
         (run.0)(0);
         drop(finish);
+        if stopped.load(Ordering::Relaxed) {
+            interruption::poll();
+        }
         assert!(
             !desk.failed.load(Ordering::Relaxed),
             "a thread of the batch has panicked"

@@ -7,7 +7,9 @@ use crate::body::Motion;
 use crate::control::WheelTorques;
 use crate::error::{ConfigError, Error, SimulationError};
 use crate::flight::{Flight, Fly};
+use crate::interruption;
 use crate::lane::{Instructions, Number, Pack};
+use crate::memory;
 use crate::plan::Plan;
 use crate::rng::{Purpose, Seed, Stream};
 use crate::rollout::law::{Autopilot, Given, Source};
@@ -82,7 +84,7 @@ impl Transitions {
         }
         let noise = Stream::new(Seed::from_u64(0), 0, Purpose::Sensors);
         let flight = Flight::new(Plan::new(&ideal)?, noise)?;
-        check_memory(2 * flight.coordinates(), samples, hold)?;
+        check_size(2 * flight.coordinates(), samples, hold)?;
         let measured = match Instructions::detect() {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx512 => measure::<crate::lane::wide::Wide8>(&flight, samples, hold),
@@ -95,22 +97,17 @@ impl Transitions {
 }
 
 /// Refuses a model that would not fit into memory.
-fn check_memory(size: usize, samples: usize, hold: usize) -> Result<(), ConfigError> {
+fn check_size(size: usize, samples: usize, hold: usize) -> Result<(), ConfigError> {
     let [size, samples, hold] = [size, samples, hold].map(|count| count as u128);
     let numbers = samples / hold * size * (size + 3) + samples * (size + 3);
     let bytes = numbers * size_of::<f64>() as u128;
-    if bytes <= u128::from(MAX_BYTES) {
-        return Ok(());
-    }
-    let requirement = format!(
-        "must leave at most {} GiB of matrices (a larger hold or a shorter horizon leave less)",
-        MAX_BYTES >> 30
-    );
-    let found = format!(
-        "{hold}, which leaves {:.1} GiB",
-        bytes as f64 / f64::from(1 << 30)
-    );
-    Err(ConfigError::value("hold", requirement, found))
+    memory::check(
+        "hold",
+        hold,
+        bytes,
+        Some(MAX_BYTES),
+        "a larger one or a shorter horizon",
+    )
 }
 
 /// One thing that is flown beside the undisturbed arm.
@@ -161,6 +158,7 @@ fn measure<T: Vector>(
                 tip: T::splat(0.0),
             });
             let mut seen = TipErrors(Vec::with_capacity(hold));
+            interruption::poll();
             lanes.begin_at(&rest);
             for (lane, probe) in group.iter().enumerate() {
                 match *probe {
@@ -387,7 +385,7 @@ mod tests {
         let message = refused(&endless, 1);
         assert!(message.contains("at most 4 GiB"), "{message}");
         assert!(
-            message.contains("got 1, which leaves 234.7 GiB"),
+            message.ends_with("got 1, which takes 234.7 GiB"),
             "{message}"
         );
     }

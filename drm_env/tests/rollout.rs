@@ -362,7 +362,10 @@ fn recordings_that_cannot_be_kept_are_refused() {
         text.starts_with("signals must take at most 16 GiB"),
         "{text}"
     );
-    assert!(text.ends_with("got 149.0 GiB"), "{text}");
+    assert!(
+        text.ends_with("got 20 of 1000 manoeuvres, which takes 149.0 GiB"),
+        "{text}"
+    );
 }
 
 #[test]

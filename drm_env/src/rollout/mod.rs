@@ -16,7 +16,9 @@ use crate::config::EnvConfig;
 use crate::control::Law;
 use crate::crew::widths;
 use crate::error::{ConfigError, Error, SimulationError};
+use crate::interruption::{self, Flag};
 use crate::lane::{Instructions, Pack};
+use crate::memory;
 use crate::metrics::Metrics;
 use crate::network::Network;
 use crate::rng::{Purpose, Seed, Stream};
@@ -105,8 +107,8 @@ pub fn rollout(
 
 /// Flies many manoeuvres in parallel, side by side in lanes and on threads; the result depends on
 /// neither. `seeds` feed the sensors' noise, one a scenario. `progress` is called now and then on the
-/// calling thread with the number flown and ends the work by returning false. A manoeuvre that
-/// diverges ends there and says so.
+/// calling thread with the number flown and ends the work by returning false, as does who watches (see
+/// [`interruption`]). A manoeuvre that diverges ends there and says so.
 ///
 /// # Errors
 /// A scenario, law, network or option that cannot be used, before anything is flown; actions of the
@@ -143,6 +145,15 @@ fn fly_watched(
         let requirement = "must be instructions that the processor has";
         return Err(ConfigError::value("instructions", requirement, instructions.name()).into());
     }
+    let each = size_of::<(Scenario, Seed, Metrics)>();
+    let bytes = scenarios.len() as u128 * each as u128;
+    memory::check(
+        "scenarios",
+        scenarios.len(),
+        bytes,
+        Some(MAX_BYTES),
+        "a smaller number",
+    )?;
     let recording = options.recording.as_ref();
     let mut flown = Flown {
         metrics: vec![Metrics::default(); scenarios.len()],
@@ -170,13 +181,18 @@ fn fly_watched(
             };
             let controller = &controller;
             let builder = std::thread::Builder::new().name(format!("rollout-{thread}"));
-            let started = builder.spawn_scoped(scope, move || match width {
+            let fly = move || match width {
                 #[cfg(target_arch = "x86_64")]
                 Some(8) => controller.fly::<crate::lane::wide::Wide8>(&queue),
                 #[cfg(target_arch = "x86_64")]
                 Some(4) => controller.fly::<crate::lane::wide::Wide4>(&queue),
                 Some(2) => controller.fly::<Pack<2>>(&queue),
                 _ => controller.fly::<f64>(&queue),
+            };
+            let flag = Flag::of(&stop);
+            let started = builder.spawn_scoped(scope, move || {
+                // who has raised the flag knows why
+                let _ = flag.heed(fly);
             });
             if started.is_err() && thread == 0 {
                 let requirement = "could not be started by the system";
@@ -222,7 +238,8 @@ fn collect(
         }
         if reported.elapsed() >= REPORT_PERIOD {
             reported = Instant::now();
-            if !stop.load(Ordering::Relaxed) && !progress(count) {
+            let stopped = stop.load(Ordering::Relaxed);
+            if !stopped && (!progress(count) || interruption::is_wanted()) {
                 stop.store(true, Ordering::Relaxed);
                 failure.get_or_insert(SimulationError::Interrupted.into());
             }
@@ -267,6 +284,7 @@ fn ready<'a>(scenarios: &[Scenario], controller: Controller<'a>) -> Result<Ready
         }
     };
     for (i, scenario) in scenarios.iter().enumerate() {
+        interruption::poll();
         let checked = scenario.validate().and_then(|()| match &ready {
             Ready::Law(_) | Ready::Schedule(_) => Ok(()),
             Ready::Network(autonomy) => autonomy.check(scenario),

@@ -2,7 +2,9 @@
 
 use crate::error::ConfigError;
 use crate::flight::{Flight, everyone, lanes_of};
+use crate::interruption;
 use crate::lane::{Laned, Number};
+use crate::memory;
 use crate::scenario::Scenario;
 use crate::witness::Witness;
 
@@ -10,6 +12,9 @@ use super::trajectory::{Row, SIGNAL_NAMES, apply_torques, last_row, signals_of};
 
 /// Most memory that the trajectories of one rollout may take, bytes.
 pub const MAX_BYTES: u64 = 16 << 30;
+
+/// Numbers that are written between two looks whether the work shall stop.
+const NUMBERS_BETWEEN_POLLS: usize = 1 << 20;
 
 /// Which signals of each manoeuvre are kept, and how often.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -72,28 +77,20 @@ impl Trajectories {
     pub(super) fn new(recording: &Recording, scenarios: &[Scenario]) -> Result<Self, ConfigError> {
         let rows = scenarios.iter().map(|scenario| recording.rows(scenario));
         let samples = rows.max().unwrap_or(0);
-        let refused = |requirement: &str, bytes: u128| {
-            let size = format!("{:.1} GiB", bytes as f64 / f64::from(1 << 30));
-            ConfigError::value("signals", requirement, size)
-        };
         let numbers = scenarios.len() as u128 * samples as u128;
         let bytes = numbers * recording.columns.len() as u128 * size_of::<f64>() as u128;
-        if bytes > u128::from(MAX_BYTES) {
-            let requirement = format!(
-                "must take at most {} GiB (fewer of them, fewer scenarios or a larger decimation \
-                 take less)",
-                MAX_BYTES >> 30
-            );
-            return Err(refused(&requirement, bytes));
-        }
+        let (columns, flown) = (recording.columns.len(), scenarios.len());
+        let given = format!("{columns} of {flown} manoeuvres");
+        let less = "fewer of them, fewer scenarios or a larger decimation";
+        memory::check("signals", given, bytes, Some(MAX_BYTES), less)?;
         let numbers = numbers as usize;
         let mut signals = Vec::with_capacity(recording.columns.len());
         for column in &recording.columns {
-            let mut values = Vec::new();
-            if values.try_reserve_exact(numbers).is_err() {
-                return Err(refused("must fit into memory", bytes));
+            let mut values = Vec::with_capacity(numbers);
+            while values.len() < numbers {
+                interruption::poll();
+                values.resize(numbers.min(values.len() + NUMBERS_BETWEEN_POLLS), f64::NAN);
             }
-            values.resize(numbers, f64::NAN);
             signals.push((SIGNAL_NAMES[*column], values));
         }
         Ok(Self { samples, signals })

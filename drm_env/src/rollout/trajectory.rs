@@ -3,12 +3,15 @@
 use crate::control::Law;
 use crate::error::{ConfigError, Error};
 use crate::flight::{Clock, Flight, Plan};
+use crate::interruption;
 use crate::lane::{Laned, Number};
+use crate::memory;
 use crate::metrics::Metrics;
 use crate::rng::Seed;
 use crate::scenario::Scenario;
 
 use super::noise;
+use super::record::MAX_BYTES;
 
 /// Names of the signals of a [`Trajectory`], in order.
 pub const SIGNAL_NAMES: [&str; 20] = [
@@ -137,14 +140,22 @@ pub fn simulate(
     law.validate()?;
     let mut flight = Flight::new(Plan::new(scenario)?, noise(seed))?;
     let samples = scenario.samples();
+    let rows = samples / every + 2;
+    let bytes = rows as u128 * size_of::<Row>() as u128;
+    let less = "a larger one or a shorter horizon";
+    memory::check("decimation", every, bytes, Some(MAX_BYTES), less)?;
+    let between_polls = flight.samples_between_polls();
     let mut kept: [Vec<f64>; SIGNAL_NAMES.len()] =
-        std::array::from_fn(|_| Vec::with_capacity(samples / every + 2));
+        std::array::from_fn(|_| Vec::with_capacity(rows));
     let mut keep = |row: Row| {
         for (list, value) in kept.iter_mut().zip(row) {
             list.push(value);
         }
     };
     for sample in 0..samples {
+        if sample.is_multiple_of(between_polls) {
+            interruption::poll();
+        }
         let command = flight.law_torques(law);
         // the torques of a row are those applied from it on
         let before = (sample % every == 0).then(|| signals(&flight, [0.0; 3]));

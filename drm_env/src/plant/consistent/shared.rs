@@ -1,6 +1,7 @@
 //! What the equations of one arm need whatever its payload, made once and shared.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::time::{Duration, Instant};
 
 use nalgebra::{DMatrix, DVector};
 
@@ -141,6 +142,23 @@ struct Key {
 /// The arms met last, the latest at the end.
 static ARMS: Mutex<Vec<Arc<ConsistentArm>>> = Mutex::new(Vec::new());
 
+/// Longest wait for [`ARMS`], which nobody keeps for long.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// [`ARMS`], unless whoever has them does not give them back: a forked process inherits the lock as it was,
+/// and nobody there may have it.
+fn arms() -> Option<MutexGuard<'static, Vec<Arc<ConsistentArm>>>> {
+    let begin = Instant::now();
+    loop {
+        match ARMS.try_lock() {
+            Ok(arms) => return Some(arms),
+            Err(TryLockError::Poisoned(arms)) => return Some(arms.into_inner()),
+            Err(TryLockError::WouldBlock) if begin.elapsed() > PATIENCE => return None,
+            Err(TryLockError::WouldBlock) => std::thread::yield_now(),
+        }
+    }
+}
+
 impl ConsistentArm {
     /// The one arm of its kind: made at the first call, shared by the later ones. The arguments must
     /// have been validated.
@@ -164,13 +182,14 @@ impl ConsistentArm {
             }
             arms.last().cloned()
         };
-        let lock = || ARMS.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(found) = find(&mut lock()) {
+        if let Some(found) = arms().and_then(|mut arms| find(&mut arms)) {
             return found;
         }
         // made outside the lock; another thread may have been faster
         let made = Arc::new(Self::new(key));
-        let mut arms = lock();
+        let Some(mut arms) = arms() else {
+            return made;
+        };
         if let Some(found) = find(&mut arms) {
             return found;
         }
