@@ -94,6 +94,7 @@ def test_wheels_limit_lag_and_delay_the_torques() -> None:
     np.testing.assert_allclose(late[5:], 100.0 * (1.0 - np.exp(-time / 0.05)), atol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:num_threads")
 def test_each_manoeuvre_gets_its_torques_whatever_flies_beside_it() -> None:
     """Manoeuvres of several lengths and plants, so that lanes change hands at different times."""
     rng = np.random.default_rng(3)

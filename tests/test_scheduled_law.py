@@ -307,6 +307,7 @@ def test_vector_environments_equal_single_ones() -> None:
             assert reward == rewards[index]
 
 
+@pytest.mark.filterwarnings("ignore:num_threads")
 def test_rows_and_threads_do_not_matter() -> None:
     law = scheduled()
     scenarios = drm_env.sample_scenarios(seed=5, n=13, horizon=2.0)

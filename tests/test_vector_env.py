@@ -229,6 +229,7 @@ def test_lanes_are_the_single_environments_over_whole_manoeuvres() -> None:
     lanes_against_singles(11, 2100, 2, control_period=0.01, horizon=20.0)
 
 
+@pytest.mark.filterwarnings("ignore:num_threads")
 @pytest.mark.parametrize("num_threads", [1, 2, 3, 7])
 def test_number_of_threads_does_not_show(num_threads: int) -> None:
     reference = drm_env.DrmVectorEnv(50, num_threads=1, **STAGGERED)

@@ -16,6 +16,7 @@ __all__ = [
     "Network",
     "__version__",
     "batch_benchmark",
+    "check_memory",
     "context_names",
     "default_config_json",
     "env_benchmark",
@@ -25,6 +26,7 @@ __all__ = [
     "metric_names",
     "observation_layout",
     "option_names_json",
+    "panic_after_parts",
     "resolve_config",
     "reward_names",
     "rollout",
@@ -393,6 +395,12 @@ def batch_benchmark(
     Seconds that a batch takes for `steps` control periods, automatic resets included.
     """
 
+def check_memory(name: str, count: SupportsIndex, each: SupportsIndex, less: str) -> None:
+    """
+    Refuses a number of things, `each` so many bytes, that does not fit into memory; `less` is what takes
+    less.
+    """
+
 def context_names() -> list[str]:
     """
     Flat names of the scenario's parameters, in the order of every context.
@@ -438,6 +446,11 @@ def observation_layout(config: str) -> list[tuple[str, str, float, float, float]
 def option_names_json() -> str:
     """
     Every flat option as JSON text: name -> path, unit, randomizable, description.
+    """
+
+def panic_after_parts(parts: SupportsIndex) -> None:
+    """
+    Lets a part of a later call of any batch panic, after so many others; for tests of what is left then.
     """
 
 def resolve_config(task: str, config: str | None, options: str) -> str:

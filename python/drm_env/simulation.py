@@ -31,6 +31,9 @@ __all__ = [
     "simulate",
 ]
 
+_SCENARIO_BYTES = 12_000
+"""What a scenario takes as a mapping, with its text."""
+
 ScenarioLike = "Scenario | Mapping[str, Any]"
 LawLike = str | Mapping[str, Any] | Any
 
@@ -323,7 +326,7 @@ def rollout(
     seed
         of the sensors' noise: scenario i gets ``seed + i``.
     num_threads
-        threads; ``None``: one a core.
+        threads; ``None``: one a core. More than there are processors are not made, with a warning.
     progress
         called now and then with how many are done and how many there are.
     signals
@@ -344,7 +347,7 @@ def rollout(
     ------
     ConfigError
         an unknown name or an impossible value in any of them, a policy that does not fit the task,
-        trajectories of more than 16 GiB; nothing has been flown.
+        trajectories of more than 16 GiB or than there is memory; nothing has been flown.
     SimulationError
         a policy whose actions are not finite.
     """
@@ -398,6 +401,7 @@ def sample_scenarios(
     """
     if isinstance(n, bool) or not isinstance(n, int) or n < 0:
         raise ConfigError(f"n must be a non-negative integer, got {n!r}")
+    _engine.check_memory("n", n, _SCENARIO_BYTES, "a smaller number")
     text = _engine.sample_scenarios(resolve(task, config, options), _seeds(seed, n))
     scenarios: list[dict[str, Any]] = json.loads(text)
     return scenarios

@@ -105,7 +105,8 @@ class DrmVectorEnv(
         at every call, which saves their allocation and breaks whatever keeps them (replay
         buffers, ``final`` comparisons, asynchronous consumers) unless it makes its own copy.
     num_threads
-        threads of the batch; ``None``: as many as pay off for its size.
+        threads of the batch; ``None``: as many as pay off for its size. More than there are
+        processors are not made, with a warning.
     task, config, **options
         as for `DrmEnv`.
 
@@ -179,6 +180,8 @@ class DrmVectorEnv(
         self._contexts = Contexts(self.num_envs)
         self._ended_contexts = self._contexts
         self._info: Info = {}
+        # whether a call of the engine has not come back, which may have changed the contexts
+        self._unread = False
         self._lanes: list[Lane] = []
 
     def _allocate(self) -> Buffers:
@@ -270,6 +273,7 @@ class DrmVectorEnv(
             seeds = [first + i if value is None else value for i, value in enumerate(seeds)]
         encoded = [None if value is None else seed_bytes(value) for value in seeds]
         buffers = self._buffers or self._allocate()
+        unread, self._unread = self._unread, True
         self._engine.reset(encoded, texts, mask, buffers.observations)
         self._seeded = True
         last = self._lane_seeds or [-1] * self.num_envs
@@ -277,7 +281,7 @@ class DrmVectorEnv(
             old if new is None or (mask is not None and not mask[index]) else new
             for index, (old, new) in enumerate(zip(last, seeds, strict=True))
         ]
-        self._read_context(everywhere=mask is None)
+        self._read_context(everywhere=unread or mask is None)
         return buffers.observations
 
     def step(
@@ -330,9 +334,11 @@ class DrmVectorEnv(
         ):
             actions = convert_action(actions, self._action_shape)
         buffers = self._buffers or self._allocate()
+        unread, self._unread = self._unread, True
         any_reset, any_done = self._engine.step(actions, *buffers)
-        if any_reset:
-            self._read_context(everywhere=False)
+        if unread or any_reset:
+            self._read_context(everywhere=unread)
+        self._unread = False
         return buffers, any_reset, any_done
 
     @property
@@ -402,6 +408,7 @@ class DrmVectorEnv(
             **shared_info(REWARD_KEYS, (zeros,) * len(REWARD_KEYS), self._everywhere),
             **shared_info(EPISODE_KEYS, (zeros,) * len(EPISODE_KEYS), nowhere),
         }
+        self._unread = False
 
     def _eventful_info(self, buffers: Buffers) -> Info:
         """The infos of a step in which episodes ended or began."""

@@ -12,11 +12,11 @@ use drm_env::rng::Seed;
 use drm_env::rollout::SIGNAL_NAMES;
 use drm_env::scenario::Scenario;
 use drm_env::transition::Transitions;
-use drm_env::{env, rollout as flights};
+use drm_env::{env, interruption, memory, rollout as flights};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::arrays::{In1, In2, Out1, Out2};
+use crate::arrays::{Count, In1, In2, Out1, Out2};
 use crate::env::scenario_text;
 use crate::error::{Outcome, check_shape, detached, guarded};
 
@@ -32,7 +32,7 @@ fn extension(length: f64, rate: f64, accel: f64) -> Extension<f64> {
     }
 }
 
-fn triple(name: &str, values: &In1<'_, f64>) -> Outcome<[f64; 3]> {
+fn triple(name: &str, values: &In1<f64>) -> Outcome<[f64; 3]> {
     check_shape(name, values.shape(), &[3])?;
     let values = values.slice();
     Ok([values[0], values[1], values[2]])
@@ -46,7 +46,7 @@ fn dense<'py>(
 ) -> Out2<'py, f64> {
     let rows = (0..shape.0).flat_map(|i| (0..shape.1).map(move |j| (i, j)));
     let values: Vec<f64> = rows.map(|(i, j)| at(i, j)).collect();
-    Out2::new(py, shape, &values)
+    Out2::new(py, shape, values)
 }
 
 #[pymethods]
@@ -67,7 +67,7 @@ impl Model {
         slew_rate: f64,
     ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>, Out2<'py, f64>)> {
         let at = extension(length, rate, accel);
-        let [m, c, k] = detached(py, || Ok(self.0.matrices(&at, slew_rate)?))?;
+        let [m, c, k] = detached(py, || self.0.matrices(&at, slew_rate))?;
         Ok((
             dense(py, m.shape(), |i, j| m[(i, j)]),
             dense(py, c.shape(), |i, j| c[(i, j)]),
@@ -79,8 +79,8 @@ impl Model {
     fn acceleration<'py>(
         &self,
         py: Python<'py>,
-        q: In1<'py, f64>,
-        q_rate: In1<'py, f64>,
+        q: In1<f64>,
+        q_rate: In1<f64>,
         at: (f64, f64, f64),
         torques: (f64, f64, f64),
     ) -> Outcome<Out1<'py, f64>> {
@@ -90,14 +90,14 @@ impl Model {
             let at = extension(at.0, at.1, at.2);
             self.0.acceleration(&at, q, v, &Torques { slew, root, tip })
         })?;
-        Ok(Out1::vector(py, &values))
+        Ok(Out1::vector(py, values.to_vec()))
     }
 
     /// Kinetic, potential and total energy.
     fn energy(
         &self,
-        q: In1<'_, f64>,
-        q_rate: In1<'_, f64>,
+        q: In1<f64>,
+        q_rate: In1<f64>,
         length: f64,
         rate: f64,
     ) -> Outcome<(f64, f64, f64)> {
@@ -109,8 +109,8 @@ impl Model {
     /// Angular momentum about the shoulder.
     fn angular_momentum(
         &self,
-        q: In1<'_, f64>,
-        q_rate: In1<'_, f64>,
+        q: In1<f64>,
+        q_rate: In1<f64>,
         length: f64,
         rate: f64,
     ) -> Outcome<f64> {
@@ -126,8 +126,8 @@ impl Model {
         length: f64,
         count: Option<usize>,
     ) -> Outcome<Out1<'py, f64>> {
-        let found = detached(py, || Ok(self.0.natural_frequencies(length, count)?))?;
-        Ok(Out1::vector(py, &found))
+        let found = detached(py, || self.0.natural_frequencies(length, count))?;
+        Ok(Out1::vector(py, found))
     }
 
     /// Distances from the shoulder, displacements (a mode a row), angular frequencies (rad/s).
@@ -139,12 +139,12 @@ impl Model {
         length: f64,
         count: Option<usize>,
     ) -> Outcome<(Out1<'py, f64>, Out2<'py, f64>, Out1<'py, f64>)> {
-        let found = detached(py, || Ok(self.0.mode_shapes(length, count)?))?;
+        let found = detached(py, || self.0.mode_shapes(length, count))?;
         let shape = (found.displacements.len(), found.positions.len());
         Ok((
-            Out1::vector(py, &found.positions),
-            Out2::new(py, shape, &found.displacements.concat()),
-            Out1::vector(py, &found.frequencies),
+            Out1::vector(py, found.positions),
+            Out2::new(py, shape, found.displacements.concat()),
+            Out1::vector(py, found.frequencies),
         ))
     }
 
@@ -162,7 +162,7 @@ impl Model {
         (Vec<String>, Vec<&'static str>, Vec<&'static str>),
     )> {
         let at = extension(length, rate, accel);
-        let found = detached(py, || Ok(self.0.linearize(&at, slew_rate)?))?;
+        let found = detached(py, || self.0.linearize(&at, slew_rate))?;
         Ok((
             (
                 dense(py, found.a.shape(), |i, j| found.a[(i, j)]),
@@ -234,9 +234,9 @@ impl Law {
     fn torques<'py>(
         &self,
         py: Python<'py>,
-        measurements: In2<'py, f64>,
-        state: In2<'py, f64>,
-        start: In1<'py, bool>,
+        measurements: In2<f64>,
+        state: In2<f64>,
+        start: In1<bool>,
     ) -> Outcome<(Out2<'py, f64>, Out2<'py, f64>)> {
         let n = start.shape()[0];
         check_shape(
@@ -249,10 +249,13 @@ impl Law {
         let memories = state.slice().as_chunks::<3>().0;
         let start = start.slice();
         let (torques, memory): (Vec<_>, Vec<_>) = detached(py, || {
-            let one = |((row, memory), &start)| self.one(row, memory, start);
-            Ok(rows.iter().zip(memories).zip(start).map(one).unzip())
+            let one = |((row, memory), &start)| {
+                interruption::poll();
+                self.one(row, memory, start)
+            };
+            Ok::<_, Error>(rows.iter().zip(memories).zip(start).map(one).unzip())
         })?;
-        Ok((Out2::matrix(py, &torques), Out2::matrix(py, &memory)))
+        Ok((Out2::matrix(py, torques), Out2::matrix(py, memory)))
     }
 }
 
@@ -314,7 +317,7 @@ pub(crate) fn simulate<'py>(
     py: Python<'py>,
     scenario: &str,
     law: &str,
-    every: usize,
+    every: Count,
     seed: &[u8],
 ) -> Outcome<(
     Vec<(&'static str, Out1<'py, f64>)>,
@@ -323,9 +326,9 @@ pub(crate) fn simulate<'py>(
     let flown = detached(py, || {
         let scenario = scenario_from_json(scenario)?;
         let law = law_from_json(law)?;
-        flights::simulate(&scenario, &law, every, Seed::from_le_bytes(seed))
+        flights::simulate(&scenario, &law, every.0, Seed::from_le_bytes(seed))
     })?;
-    let signals = SIGNAL_NAMES.into_iter().zip(&flown.signals);
+    let signals = SIGNAL_NAMES.into_iter().zip(flown.signals);
     let metrics = METRIC_NAMES.into_iter().zip(flown.metrics.values());
     Ok((
         signals
@@ -342,20 +345,20 @@ pub(crate) fn simulate<'py>(
 pub(crate) fn transitions<'py>(
     py: Python<'py>,
     scenario: &str,
-    hold: usize,
+    hold: Count,
 ) -> Outcome<(usize, usize, Vec<Out1<'py, f64>>)> {
     let found = detached(py, || {
         let scenario = scenario_from_json(scenario)?;
-        Transitions::of(&scenario, hold)
+        Transitions::of(&scenario, hold.0)
     })?;
     let arrays = [
-        &found.start,
-        &found.transition,
-        &found.input,
-        &found.offset,
-        &found.error_state,
-        &found.error_input,
-        &found.error_offset,
+        found.start,
+        found.transition,
+        found.input,
+        found.offset,
+        found.error_state,
+        found.error_input,
+        found.error_offset,
     ];
     let arrays = arrays.map(|values| Out1::vector(py, values));
     Ok((found.size, found.intervals, arrays.into()))
@@ -363,12 +366,28 @@ pub(crate) fn transitions<'py>(
 
 /// The manoeuvres that environments fly in the first episode of each seed, as a JSON list.
 #[pyfunction]
-pub(crate) fn sample_scenarios(config: &str, seeds: Vec<PyBackedBytes>) -> Outcome<String> {
-    guarded(|| {
+pub(crate) fn sample_scenarios(
+    py: Python<'_>,
+    config: &str,
+    seeds: Vec<PyBackedBytes>,
+) -> Outcome<String> {
+    detached(py, || {
         let config = EnvConfig::from_json(config)?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
         let scenarios = env::sample_scenarios(&config, &seeds)?;
-        let texts: Vec<String> = scenarios.iter().map(scenario_text).collect();
+        let text = |scenario| {
+            interruption::poll();
+            scenario_text(scenario)
+        };
+        let texts: Vec<String> = scenarios.iter().map(text).collect();
         Ok::<_, Error>(format!("[{}]", texts.join(",")))
     })
+}
+
+/// Refuses a number of things, `each` so many bytes, that does not fit into memory; `less` is what takes
+/// less.
+#[pyfunction]
+pub(crate) fn check_memory(name: &str, count: Count, each: usize, less: &str) -> Outcome<()> {
+    let bytes = count.0 as u128 * each as u128;
+    guarded(|| memory::check(name, count.0, bytes, None, less))
 }

@@ -1,26 +1,39 @@
 //! Many environments.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use drm_env::batch::{Autoreset, Batch as Engine, COORDINATES, Ended, StepBuffers};
 use drm_env::config::EnvConfig;
 use drm_env::error::{ConfigError, Error};
 use drm_env::metrics::METRIC_NAMES;
-use drm_env::parameter::COUNT;
+use drm_env::parameter::{COUNT, Overrides};
 use drm_env::rng::Seed;
 use drm_env::scene::scene;
-use drm_env::{Env, render};
+use drm_env::{Env, interruption, memory, render};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::arrays::{In1, In2, InOut1, InOut2, Out1, Out2, Out3};
-use crate::env::{flight, locked, picture, settings, signals_now};
-use crate::error::{Outcome, check_shape, detached, guarded};
+use crate::arrays::{Count, In1, In2, InOut1, InOut2, Out1, Out2, Out3};
+use crate::env::{flight, picture, settings, signals_now};
+use crate::error::{Outcome, check_shape, detached};
+use crate::kept::Kept;
+use crate::threads::within_processors;
+
+/// Settings of every environment from JSON text.
+fn all_settings(py: Python<'_>, texts: Vec<Option<String>>) -> Outcome<Vec<Overrides>> {
+    detached(py, || {
+        let one = |text: &Option<String>| {
+            interruption::poll();
+            settings(text.as_deref())
+        };
+        texts.iter().map(one).collect::<Result<_, Error>>()
+    })
+}
 
 /// Many environments; see `DrmVectorEnv` in the Python package.
 #[pyclass(frozen, module = "drm_env._engine")]
 pub(crate) struct Batch {
-    engine: Mutex<Engine>,
+    engine: Kept<Engine>,
     num_envs: usize,
     action_size: usize,
     observation_size: usize,
@@ -28,25 +41,13 @@ pub(crate) struct Batch {
 }
 
 impl Batch {
-    /// See `Env::with`.
-    fn with<T: Send>(
-        &self,
-        py: Python<'_>,
-        work: impl FnOnce(&mut Engine) -> Result<T, Error> + Send,
-    ) -> Outcome<T> {
-        py.detach(|| {
-            let mut engine = locked(&self.engine)?;
-            guarded(|| work(&mut engine))
-        })
-    }
-
     fn env<T: Send>(
         &self,
         py: Python<'_>,
         index: usize,
         work: impl FnOnce(&Env) -> Result<T, Error> + Send,
     ) -> Outcome<T> {
-        self.with(py, |engine| {
+        self.engine.look(py, |engine| {
             let env = engine.env(index).ok_or_else(|| {
                 let requirement = format!("must be below {}", engine.len());
                 ConfigError::value("index", requirement, index)
@@ -63,7 +64,7 @@ impl Batch {
         value: impl Fn(&Ended) -> T + Send + Sync,
     ) -> Outcome<Vec<T>> {
         let mut values = vec![none; self.num_envs];
-        self.with(py, |engine| {
+        self.engine.look(py, |engine| {
             for (i, ended) in engine.ended() {
                 values[i] = value(ended);
             }
@@ -80,11 +81,12 @@ impl Batch {
     fn new(
         py: Python<'_>,
         config: &str,
-        num_envs: usize,
+        num_envs: Count,
         autoreset: &str,
-        num_threads: Option<usize>,
+        num_threads: Option<Count>,
         max_steps: Option<usize>,
     ) -> Outcome<Self> {
+        let (num_envs, num_threads) = (num_envs.0, within_processors(py, num_threads)?);
         detached(py, || {
             let mode = match autoreset {
                 "next_step" => Autoreset::NextStep,
@@ -92,7 +94,11 @@ impl Batch {
                 "disabled" => Autoreset::Disabled,
                 other => {
                     let requirement = "must be next_step, same_step or disabled";
-                    return Err(ConfigError::value("autoreset", requirement, other).into());
+                    return Err(Error::from(ConfigError::value(
+                        "autoreset",
+                        requirement,
+                        other,
+                    )));
                 }
             };
             let config = Arc::new(EnvConfig::from_json(config)?);
@@ -105,7 +111,7 @@ impl Batch {
                 action_size: config.task.actuators.len(),
                 observation_size: engine.observation_size(),
                 horizon_steps: config.actions_per_episode(),
-                engine: Mutex::new(engine),
+                engine: Kept::new(engine),
             })
         })
     }
@@ -136,22 +142,19 @@ impl Batch {
         py: Python<'_>,
         seeds: Vec<Option<PyBackedBytes>>,
         options: Vec<Option<String>>,
-        mask: Option<In1<'_, bool>>,
+        mask: Option<In1<bool>>,
         mut observations: InOut2<'_, f32>,
     ) -> Outcome<()> {
         let shape = [self.num_envs, self.observation_size];
         check_shape("observations", observations.shape(), &shape)?;
         let mask = mask.as_ref().map(In1::slice);
+        let once = all_settings(py, options)?;
         let out = observations.slice_mut();
-        self.with(py, move |engine| {
+        self.engine.with(py, move |engine| {
             let seeds: Vec<Option<Seed>> = seeds
                 .iter()
                 .map(|seed| seed.as_deref().map(Seed::from_le_bytes))
                 .collect();
-            let once = options
-                .iter()
-                .map(|text| settings(text.as_deref()))
-                .collect::<Result<Vec<_>, _>>()?;
             engine.reset(&seeds, Some(&once), mask)?;
             engine.copy_observations(out);
             Ok(())
@@ -164,7 +167,7 @@ impl Batch {
     fn step(
         &self,
         py: Python<'_>,
-        actions: In2<'_, f32>,
+        actions: In2<f32>,
         mut observations: InOut2<'_, f32>,
         mut rewards: InOut1<'_, f64>,
         mut terminated: InOut1<'_, bool>,
@@ -179,18 +182,24 @@ impl Batch {
             &[n, self.observation_size],
         )?;
         check_shape("terms", terms.shape(), &[n, 3])?;
+        check_shape("terminated", terminated.shape(), &[n])?;
+        check_shape("truncated", truncated.shape(), &[n])?;
         let actions = actions.slice();
+        let (mut ends, mut cuts) = (vec![false; n], vec![false; n]);
         let mut buffers = StepBuffers {
             observations: observations.slice_mut(),
             rewards: rewards.slice_mut(),
-            terminated: terminated.slice_mut(),
-            truncated: truncated.slice_mut(),
+            terminated: &mut ends,
+            truncated: &mut cuts,
             terms: terms.slice_mut(),
         };
-        self.with(py, move |engine| {
+        let events = self.engine.with(py, |engine| {
             engine.step(actions, &mut buffers)?;
             Ok((engine.any_began(), engine.any_ended()))
-        })
+        })?;
+        terminated.fill(&ends);
+        truncated.fill(&cuts);
+        Ok(events)
     }
 
     /// Writes every present observation.
@@ -198,7 +207,7 @@ impl Batch {
         let shape = [self.num_envs, self.observation_size];
         check_shape("observations", out.shape(), &shape)?;
         let out = out.slice_mut();
-        self.with(py, move |engine| {
+        self.engine.look(py, move |engine| {
             engine.copy_observations(out);
             Ok(())
         })
@@ -207,13 +216,13 @@ impl Batch {
     /// Whether each environment began an episode in the last call.
     fn reset_happened<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
         let mut began = vec![false; self.num_envs];
-        self.with(py, |engine| {
+        self.engine.look(py, |engine| {
             for i in engine.began() {
                 began[i] = true;
             }
             Ok(())
         })?;
-        Ok(Out1::vector(py, &began))
+        Ok(Out1::vector(py, began))
     }
 
     /// Writes every true context into columns, one an environment, in the order of `context_names`.
@@ -221,8 +230,9 @@ impl Batch {
         let n = self.num_envs;
         check_shape("contexts", out.shape(), &[COUNT, n])?;
         let out = out.slice_mut();
-        self.with(py, move |engine| {
+        self.engine.look(py, move |engine| {
             for i in 0..n {
+                interruption::poll();
                 let context = engine.context(i).unwrap_or([f64::NAN; COUNT]);
                 for (row, value) in context.into_iter().enumerate() {
                     out[row * n + i] = value;
@@ -236,8 +246,9 @@ impl Batch {
     fn coordinates(&self, py: Python<'_>, mut out: InOut2<'_, f64>) -> Outcome<()> {
         check_shape("coordinates", out.shape(), &[self.num_envs, COORDINATES])?;
         let out = out.slice_mut();
-        self.with(py, move |engine| {
+        self.engine.look(py, move |engine| {
             for (i, row) in out.chunks_exact_mut(COORDINATES).enumerate() {
+                interruption::poll();
                 row.copy_from_slice(&engine.coordinates(i).unwrap_or([f64::NAN; COORDINATES]));
             }
             Ok(())
@@ -246,10 +257,11 @@ impl Batch {
 
     /// Environments that began an episode in the last call, and their true contexts in columns.
     fn began_contexts<'py>(&self, py: Python<'py>) -> Outcome<(Vec<usize>, Out2<'py, f64>)> {
-        let (places, contexts) = self.with(py, |engine| {
+        let (places, contexts) = self.engine.look(py, |engine| {
             let places: Vec<usize> = engine.began().collect();
             let mut contexts = vec![0.0; COUNT * places.len()];
             for (column, i) in places.iter().enumerate() {
+                interruption::poll();
                 let context = engine.context(*i).unwrap_or([f64::NAN; COUNT]);
                 for (row, value) in context.into_iter().enumerate() {
                     contexts[row * places.len() + column] = value;
@@ -258,83 +270,85 @@ impl Batch {
             Ok((places, contexts))
         })?;
         let shape = (COUNT, places.len());
-        Ok((places, Out2::new(py, shape, &contexts)))
+        Ok((places, Out2::new(py, shape, contexts)))
     }
 
     /// Last observation of the episodes that ended in the last step; zeros elsewhere.
     fn final_obs<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f32>> {
         let size = self.observation_size;
         let mut rows = vec![0.0; self.num_envs * size];
-        self.with(py, |engine| {
+        self.engine.look(py, |engine| {
             for (i, ended) in engine.ended() {
                 rows[i * size..][..size].copy_from_slice(&ended.observation);
             }
             Ok(())
         })?;
-        Ok(Out2::new(py, (self.num_envs, size), &rows))
+        Ok(Out2::new(py, (self.num_envs, size), rows))
     }
 
     /// Metrics of the episodes that ended in the last step; zeros elsewhere.
     fn metrics<'py>(&self, py: Python<'py>) -> Outcome<Out2<'py, f64>> {
         let zeros = [0.0; METRIC_NAMES.len()];
         let rows = self.each(py, zeros, |ended| ended.metrics.values())?;
-        Ok(Out2::matrix(py, &rows))
+        Ok(Out2::matrix(py, rows))
     }
 
     /// Whether the episodes that ended in the last step diverged.
     fn diverged<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
         let flags = self.each(py, false, |ended| ended.metrics.diverged)?;
-        Ok(Out1::vector(py, &flags))
+        Ok(Out1::vector(py, flags))
     }
 
     /// Whether the arm settled in the episodes that ended in the last step.
     fn success<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
         let flags = self.each(py, false, |ended| ended.metrics.settled)?;
-        Ok(Out1::vector(py, &flags))
+        Ok(Out1::vector(py, flags))
     }
 
     /// Whether every environment has had an episode.
     fn has_reset(&self, py: Python<'_>) -> Outcome<bool> {
-        self.with(py, |engine| Ok(engine.has_reset()))
+        self.engine.look(py, |engine| Ok(engine.has_reset()))
     }
 
     /// Flat scenario parameters of every later episode, as JSON text each, until called again.
     fn set_context(&self, py: Python<'_>, options: Vec<Option<String>>) -> Outcome<()> {
-        self.with(py, move |engine| {
-            let list = options
-                .iter()
-                .map(|text| settings(text.as_deref()))
-                .collect::<Result<Vec<_>, _>>()?;
-            engine.set_context(&list)
-        })
+        let list = all_settings(py, options)?;
+        self.engine.with(py, |engine| engine.set_context(&list))
     }
 
     /// The same for one environment.
     #[pyo3(signature = (index, options))]
     fn set_env_context(&self, py: Python<'_>, index: usize, options: Option<&str>) -> Outcome<()> {
-        self.with(py, |engine| {
+        self.engine.with(py, |engine| {
             engine.set_env_context(index, settings(options)?)
         })
     }
 
     /// Everything that changes, as bytes.
     fn get_state(&self, py: Python<'_>) -> Outcome<Vec<u8>> {
-        self.with(py, |engine| Ok(engine.get_state()))
+        self.engine.look(py, |engine| {
+            // each alone, all together, with their checksum, and Python's
+            let one = engine.env_state(0)?.len();
+            let bytes = 4 * one as u128 * engine.len() as u128;
+            memory::check("num_envs", engine.len(), bytes, None, "a smaller number")?;
+            Ok(engine.get_state())
+        })
     }
 
     /// Restores what `get_state` returned.
     fn set_state(&self, py: Python<'_>, state: &[u8]) -> Outcome<()> {
-        self.with(py, |engine| engine.set_state(state))
+        self.engine.with(py, |engine| engine.set_state(state))
     }
 
     /// The state of one environment, as `Env.get_state` returns it.
     fn env_state(&self, py: Python<'_>, index: usize) -> Outcome<Vec<u8>> {
-        self.with(py, |engine| engine.env_state(index))
+        self.engine.look(py, |engine| engine.env_state(index))
     }
 
     /// Restores one environment.
     fn set_env_state(&self, py: Python<'_>, index: usize, state: &[u8]) -> Outcome<()> {
-        self.with(py, |engine| engine.set_env_state(index, state))
+        self.engine
+            .with(py, |engine| engine.set_env_state(index, state))
     }
 
     /// Names and present values of the signals of one environment.
@@ -351,11 +365,17 @@ impl Batch {
         height: u32,
     ) -> Outcome<Out3<'py, u8>> {
         let pixels = self.env(py, index, |env| picture(env, width, height))?;
-        Ok(Out3::new(py, (height as usize, width as usize, 3), &pixels))
+        Ok(Out3::new(py, (height as usize, width as usize, 3), pixels))
     }
 
     /// A picture of one environment as text.
     fn render_ansi(&self, py: Python<'_>, index: usize) -> Outcome<String> {
         self.env(py, index, |env| Ok(render::ansi(&scene(flight(env)?))))
     }
+}
+
+/// Lets a part of a later call of any batch panic, after so many others; for tests of what is left then.
+#[pyfunction]
+pub(crate) fn panic_after_parts(parts: usize) {
+    drm_env::batch::panic_after_parts(parts);
 }

@@ -4,10 +4,13 @@ use std::sync::Arc;
 
 use drm_env::benchmark;
 use drm_env::config::EnvConfig;
+use drm_env::error::ConfigError;
 use drm_env::lane::Instructions;
 use pyo3::prelude::*;
 
+use crate::arrays::Count;
 use crate::error::{Outcome, detached};
+use crate::threads::within_processors;
 
 /// Nanoseconds per Runge-Kutta step of 0.5 ms and environment of the thesis plant along the thesis
 /// manoeuvre on the calling thread, over at least `steps` steps, and the lanes that were side by side:
@@ -20,7 +23,7 @@ pub(crate) fn kernel_benchmark(
 ) -> Outcome<(f64, usize)> {
     detached(py, || {
         let time = benchmark::kernel(lanes, steps)?;
-        Ok((time.nanoseconds, time.lanes))
+        Ok::<_, ConfigError>((time.nanoseconds, time.lanes))
     })
 }
 
@@ -39,13 +42,14 @@ pub(crate) fn env_benchmark(py: Python<'_>, config: &str, steps: usize) -> Outco
 pub(crate) fn batch_benchmark(
     py: Python<'_>,
     config: &str,
-    num_envs: usize,
+    num_envs: Count,
     steps: usize,
-    num_threads: Option<usize>,
+    num_threads: Option<Count>,
 ) -> Outcome<f64> {
+    let num_threads = within_processors(py, num_threads)?;
     detached(py, || {
         let config = Arc::new(EnvConfig::from_json(config)?);
-        benchmark::batch(&config, num_envs, steps, num_threads)
+        benchmark::batch(&config, num_envs.0, steps, num_threads)
     })
 }
 

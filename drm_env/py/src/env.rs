@@ -1,9 +1,9 @@
 //! One environment.
 
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
 
 use drm_env::config::EnvConfig;
-use drm_env::error::{Error, SimulationError};
+use drm_env::error::{ConfigError, Error, SimulationError};
 use drm_env::flight::Flight;
 use drm_env::metrics::METRIC_NAMES;
 use drm_env::parameter::{Overrides, overrides};
@@ -11,11 +11,12 @@ use drm_env::rng::Seed;
 use drm_env::rollout::{SIGNAL_NAMES, signals};
 use drm_env::scene::scene;
 use drm_env::task::REWARD_NAMES;
-use drm_env::{Env as Engine, Scenario, render};
+use drm_env::{Env as Engine, Scenario, memory, render};
 use pyo3::prelude::*;
 
 use crate::arrays::{In1, Out1, Out3};
-use crate::error::{Outcome, detached, guarded, poisoned};
+use crate::error::{Outcome, detached};
+use crate::kept::Kept;
 
 /// Settings from JSON text; none from `None`.
 pub(crate) fn settings(text: Option<&str>) -> Result<Overrides, Error> {
@@ -45,6 +46,9 @@ pub(crate) fn scenario_text(scenario: &Scenario) -> String {
 
 /// A picture of the flight as bytes, row by row.
 pub(crate) fn picture(engine: &Engine, width: u32, height: u32) -> Result<Vec<u8>, Error> {
+    let pixels = u128::from(width) * u128::from(height);
+    let size = format!("{width} x {height}");
+    memory::check("size", size, 8 * pixels, None, "a smaller picture")?;
     Ok(render::draw(&scene(flight(engine)?), width, height))
 }
 
@@ -67,25 +71,10 @@ fn report(engine: &Engine) -> [f64; REPORT] {
 /// One environment; see the class of the same name in the Python package.
 #[pyclass(frozen, module = "drm_env._engine")]
 pub(crate) struct Env {
-    engine: Mutex<Engine>,
+    engine: Kept<Engine>,
     action_size: usize,
     observation_size: usize,
     horizon_steps: usize,
-}
-
-impl Env {
-    /// Every call goes through here: interpreter released, engine locked, panics caught. A panic
-    /// poisons the lock, so that a half-stepped engine is never used again.
-    fn with<T: Send>(
-        &self,
-        py: Python<'_>,
-        work: impl FnOnce(&mut Engine) -> Result<T, Error> + Send,
-    ) -> Outcome<T> {
-        py.detach(|| {
-            let mut engine = locked(&self.engine)?;
-            guarded(|| work(&mut engine))
-        })
-    }
 }
 
 #[pymethods]
@@ -95,11 +84,11 @@ impl Env {
         detached(py, || {
             let config = Arc::new(EnvConfig::from_json(config)?);
             let engine = Engine::new(Arc::clone(&config))?;
-            Ok(Self {
+            Ok::<_, ConfigError>(Self {
                 action_size: config.task.actuators.len(),
                 observation_size: engine.observation().len(),
                 horizon_steps: config.actions_per_episode(),
-                engine: Mutex::new(engine),
+                engine: Kept::new(engine),
             })
         })
     }
@@ -131,17 +120,18 @@ impl Env {
         options: Option<&str>,
     ) -> Outcome<Out1<'py, f32>> {
         let seed = seed.map(Seed::from_le_bytes);
-        let observation = self.with(py, |engine| {
+        let observation = self.engine.with(py, |engine| {
             engine.reset(seed, &settings(options)?)?;
             Ok(engine.observation().to_vec())
         })?;
-        Ok(Out1::vector(py, &observation))
+        Ok(Out1::vector(py, observation))
     }
 
     /// Flat scenario parameters of every later episode, until called again.
     #[pyo3(signature = (options))]
     fn set_context(&self, py: Python<'_>, options: Option<&str>) -> Outcome<()> {
-        self.with(py, |engine| Ok(engine.set_context(settings(options)?)?))
+        self.engine
+            .with(py, |engine| Ok(engine.set_context(settings(options)?)?))
     }
 
     /// One control period: observation, reward, terminated, truncated and the report.
@@ -149,78 +139,77 @@ impl Env {
     fn step<'py>(
         &self,
         py: Python<'py>,
-        action: In1<'py, f32>,
+        action: In1<f32>,
     ) -> Outcome<(Out1<'py, f32>, f64, bool, bool, Out1<'py, f64>)> {
         let action = action.slice();
-        let (outcome, report, observation) = self.with(py, |engine| {
+        let (outcome, report, observation) = self.engine.with(py, |engine| {
             let outcome = engine.step(action)?;
             Ok((outcome, report(engine), engine.observation().to_vec()))
         })?;
         Ok((
-            Out1::vector(py, &observation),
+            Out1::vector(py, observation),
             outcome.reward,
             outcome.terminated,
             outcome.truncated,
-            Out1::vector(py, &report),
+            Out1::vector(py, report.to_vec()),
         ))
     }
 
     /// The true context of the episode, in the order of `context_names`.
     fn context<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
-        let values = self.with(py, |engine| Ok(engine.context()))?;
-        Ok(Out1::vector(py, &values))
+        let values = self.engine.look(py, |engine| Ok(engine.context()))?;
+        Ok(Out1::vector(py, values.to_vec()))
     }
 
     /// The last reward's terms, the metrics of the episode so far, whether it diverged and whether
     /// the arm has settled; the largest double where a number does not exist.
     fn report<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
-        let values = self.with(py, |engine| Ok(report(engine)))?;
-        Ok(Out1::vector(py, &values))
+        let values = self.engine.look(py, |engine| Ok(report(engine)))?;
+        Ok(Out1::vector(py, values.to_vec()))
     }
 
     /// Whether there has been an episode at all.
     fn has_reset(&self, py: Python<'_>) -> Outcome<bool> {
-        self.with(py, |engine| Ok(engine.has_reset()))
+        self.engine.look(py, |engine| Ok(engine.has_reset()))
     }
 
     /// Actions taken in this episode.
     fn steps(&self, py: Python<'_>) -> Outcome<u64> {
-        self.with(py, |engine| Ok(engine.steps()))
+        self.engine.look(py, |engine| Ok(engine.steps()))
     }
 
     /// The manoeuvre of this episode as JSON text.
     fn scenario_json(&self, py: Python<'_>) -> Outcome<String> {
-        self.with(py, |engine| Ok(scenario_text(&flight(engine)?.scenario())))
+        self.engine
+            .look(py, |engine| Ok(scenario_text(&flight(engine)?.scenario())))
     }
 
     /// Names and present values of the signals.
     fn signals(&self, py: Python<'_>) -> Outcome<Vec<(&'static str, f64)>> {
-        self.with(py, |engine| signals_now(engine))
+        self.engine.look(py, signals_now)
     }
 
     /// Everything that changes, as bytes.
     fn get_state(&self, py: Python<'_>) -> Outcome<Vec<u8>> {
-        self.with(py, |engine| Ok(engine.get_state()))
+        self.engine.look(py, |engine| Ok(engine.get_state()))
     }
 
     /// Restores what `get_state` returned.
     fn set_state(&self, py: Python<'_>, state: &[u8]) -> Outcome<()> {
-        self.with(py, |engine| engine.set_state(state))
+        self.engine.with(py, |engine| engine.set_state(state))
     }
 
     /// A picture, (height, width, 3).
     fn render_rgb<'py>(&self, py: Python<'py>, width: u32, height: u32) -> Outcome<Out3<'py, u8>> {
-        let pixels = self.with(py, |engine| picture(engine, width, height))?;
-        Ok(Out3::new(py, (height as usize, width as usize, 3), &pixels))
+        let pixels = self
+            .engine
+            .look(py, |engine| picture(engine, width, height))?;
+        Ok(Out3::new(py, (height as usize, width as usize, 3), pixels))
     }
 
     /// A picture as text.
     fn render_ansi(&self, py: Python<'_>) -> Outcome<String> {
-        self.with(py, |engine| Ok(render::ansi(&scene(flight(engine)?))))
+        self.engine
+            .look(py, |engine| Ok(render::ansi(&scene(flight(engine)?))))
     }
-}
-
-/// Locks a mutex whose holder cannot have panicked half-way.
-pub(crate) fn locked<T>(mutex: &Mutex<T>) -> Outcome<MutexGuard<'_, T>> {
-    mutex.lock().map_err(|_| poisoned())
 }

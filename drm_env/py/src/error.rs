@@ -3,6 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use drm_env::error::{ConfigError, Error, SimulationError, SnapshotError};
+use drm_env::interruption::{self, Interrupted};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::import_exception;
 use pyo3::prelude::*;
@@ -84,19 +85,60 @@ pub(crate) fn guarded<T, E: Into<Failure>>(work: impl FnOnce() -> Result<T, E>) 
     }
 }
 
-/// [`guarded`], with the interpreter released.
-pub(crate) fn detached<T: Send>(
-    py: Python<'_>,
-    work: impl FnOnce() -> Result<T, Error> + Send,
-) -> Outcome<T> {
-    py.detach(|| guarded(work))
+impl From<Interrupted> for Failure {
+    fn from(_: Interrupted) -> Self {
+        SimulationError::Interrupted.into()
+    }
 }
 
-/// An internal error of an earlier call left the engine half-way through something.
-pub(crate) fn poisoned() -> Failure {
-    Failure(exceptions::SimulationError::new_err(
-        "unusable after an internal error; make a new one",
-    ))
+/// [`guarded`], with the interpreter released. Every 50 ms Python may attend to signals, if this is its
+/// main thread: what a handler raises ends the work early and is raised here.
+pub(crate) fn detached<T: Send, E: Into<Failure>>(
+    py: Python<'_>,
+    work: impl FnOnce() -> Result<T, E> + Send,
+) -> Outcome<T> {
+    let (result, raised) = py.detach(|| {
+        let mut raised = None;
+        let mut go_on = || match Python::try_attach(|py| py.check_signals()) {
+            Some(Err(error)) => {
+                raised = Some(error);
+                false
+            }
+            Some(Ok(())) | None => true,
+        };
+        let result = guarded(|| {
+            interruption::watch(&mut go_on, || work().map_err(Into::into))
+                .map_err(Failure::from)
+                .flatten()
+        });
+        (result, raised)
+    });
+    match raised {
+        Some(error) => Err(Failure(error)),
+        None => result,
+    }
+}
+
+/// An engine that cannot be used now, or no more.
+pub(crate) fn unusable(text: &'static str) -> Failure {
+    Failure(exceptions::SimulationError::new_err(text))
+}
+
+/// Loads every exception that is raised from here: when one is raised a signal may come between.
+///
+/// # Errors
+/// What the import raises.
+pub(crate) fn load(py: Python<'_>) -> PyResult<()> {
+    py.import("drm_env.errors")?;
+    let _ = (
+        py.get_type::<DrmError>(),
+        py.get_type::<exceptions::ConfigError>(),
+        py.get_type::<exceptions::SimulationError>(),
+        py.get_type::<exceptions::ActionError>(),
+        py.get_type::<exceptions::ResetNeededError>(),
+        py.get_type::<exceptions::SnapshotError>(),
+    );
+    Ok(())
 }
 
 /// Refuses an array of another shape than the one needed.

@@ -7,23 +7,37 @@ mod benchmark;
 mod config;
 mod env;
 mod error;
+mod kept;
 mod rollout;
+mod threads;
 
 use pyo3::prelude::*;
 
 /// The engine of drm_env: everything that computes.
 #[pymodule]
 mod _engine {
+    use pyo3::prelude::*;
+
+    /// Loads what is needed of Python: when it is first used a signal may come between, and there is nobody
+    /// there to raise what its handler raises.
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        let py = module.py();
+        super::arrays::load(py)?;
+        super::error::load(py)
+    }
+
     #[pymodule_export]
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
     #[pymodule_export]
     use super::analysis::{
-        Law, Model, measurement_names, sample_scenarios, signal_names, simulate, transitions,
+        Law, Model, check_memory, measurement_names, sample_scenarios, signal_names, simulate,
+        transitions,
     };
     #[pymodule_export]
-    use super::batch::Batch;
+    use super::batch::{Batch, panic_after_parts};
     #[pymodule_export]
     use super::benchmark::{batch_benchmark, env_benchmark, instructions, kernel_benchmark};
     #[pymodule_export]

@@ -6,11 +6,13 @@ use drm_env::error::{ConfigError, Error};
 use drm_env::network::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::rng::Seed;
 use drm_env::rollout::{self as flights, Controller, Options, Recording, Schedule};
+use drm_env::{interruption, memory};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::arrays::{In1, In2, In3, Out2};
-use crate::error::{Failure, Outcome, check_shape, detached, guarded};
+use crate::arrays::{Count, In1, In2, In3, Out2};
+use crate::error::{Failure, Outcome, check_shape, detached};
+use crate::threads::within_processors;
 
 /// A multilayer perceptron; see the class of the same name in the Python package.
 #[pyclass(frozen, module = "drm_env._engine")]
@@ -31,11 +33,12 @@ impl Network {
     #[new]
     #[allow(clippy::needless_pass_by_value)]
     fn new(
-        layers: Vec<(In2<'_, f32>, In1<'_, f32>)>,
+        py: Python<'_>,
+        layers: Vec<(In2<f32>, In1<f32>)>,
         activation: &str,
         output: &str,
     ) -> Outcome<Self> {
-        guarded(|| {
+        detached(py, || {
             let activations = [("tanh", Activation::Tanh), ("relu", Activation::Relu)];
             let activation = named("activation", activation, &activations)?;
             let outputs = [("clip", Output::Clip), ("tanh", Output::Tanh)];
@@ -70,23 +73,26 @@ impl Network {
     }
 
     /// Actions of observations, a row each: those of a rollout to the bit.
-    fn act<'py>(&self, py: Python<'py>, observations: In2<'py, f32>) -> Outcome<Out2<'py, f32>> {
+    fn act<'py>(&self, py: Python<'py>, observations: In2<f32>) -> Outcome<Out2<'py, f32>> {
         let (inputs, outputs) = (self.0.inputs(), self.0.outputs());
         let count = observations.shape()[0];
         check_shape("observations", observations.shape(), &[count, inputs])?;
         let rows = observations.slice();
         let actions = detached(py, || {
+            let bytes = count as u128 * (outputs * size_of::<f32>()) as u128;
+            memory::check("observations", count, bytes, None, "a smaller number")?;
             let mut actions = Vec::with_capacity(count * outputs);
             let mut action = vec![0.0; outputs];
             let mut scratch = Scratch::new();
             for row in rows.chunks_exact(inputs) {
+                interruption::poll();
                 let values: Vec<f64> = row.iter().map(|value| f64::from(*value)).collect();
                 self.0.act(&values, &mut scratch, &mut action)?;
                 actions.extend(action.iter().map(|value| *value as f32));
             }
-            Ok(actions)
+            Ok::<_, Error>(actions)
         })?;
-        Ok(Out2::new(py, (count, outputs), &actions))
+        Ok(Out2::new(py, (count, outputs), actions))
     }
 }
 
@@ -111,14 +117,15 @@ pub(crate) fn rollout<'py>(
     pilot: (
         Option<String>,
         Option<(Py<Network>, String)>,
-        Option<(In3<'py, f64>, usize)>,
+        Option<(In3<f64>, Count)>,
     ),
     seeds: Vec<PyBackedBytes>,
-    num_threads: Option<usize>,
+    num_threads: Option<Count>,
     progress: Option<Py<PyAny>>,
     signals: Option<Vec<String>>,
-    every: usize,
+    every: Count,
 ) -> Outcome<(Out2<'py, f64>, Vec<(&'static str, Out2<'py, f64>)>)> {
+    let num_threads = within_processors(py, num_threads)?;
     let mut raised: Option<PyErr> = None;
     let count = scenarios.len();
     if let Some((torques, _)) = &pilot.2 {
@@ -128,7 +135,7 @@ pub(crate) fn rollout<'py>(
     let schedule = pilot.2.as_ref().map(|(torques, hold)| Schedule {
         torques: torques.slice().as_chunks::<2>().0,
         rows: torques.shape()[1],
-        hold: *hold,
+        hold: hold.0,
     });
     let (law, policy) = (&pilot.0, &pilot.1);
     let result = detached(py, || {
@@ -144,24 +151,22 @@ pub(crate) fn rollout<'py>(
             }
         };
         let recording = signals
-            .map(|signals| Recording::new(&signals, every))
+            .map(|signals| Recording::new(&signals, every.0))
             .transpose()?;
         let scenarios = scenarios
             .iter()
             .enumerate()
             .map(|(i, text)| {
+                interruption::poll();
                 scenario_from_json(text).map_err(|e| e.within(&format!("scenarios[{i}]")))
             })
             .collect::<Result<Vec<_>, _>>()?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
         let report = |flown: usize| {
-            let outcome = Python::attach(|py| {
-                py.check_signals()?;
-                match &progress {
-                    Some(callback) => callback.call1(py, (flown, count)).map(drop),
-                    None => Ok(()),
-                }
-            });
+            let Some(callback) = &progress else {
+                return true;
+            };
+            let outcome = Python::attach(|py| callback.call1(py, (flown, count)).map(drop));
             outcome.map_err(|error| raised = Some(error)).is_ok()
         };
         let controller = match &pilot {
@@ -185,8 +190,8 @@ pub(crate) fn rollout<'py>(
     if let Some(trajectories) = flown.trajectories {
         let shape = (count, trajectories.samples);
         for (name, values) in trajectories.signals {
-            kept.push((name, Out2::taken(py, shape, values)?));
+            kept.push((name, Out2::new(py, shape, values)));
         }
     }
-    Ok((Out2::matrix(py, &rows), kept))
+    Ok((Out2::matrix(py, rows), kept))
 }
