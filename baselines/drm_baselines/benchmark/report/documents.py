@@ -120,8 +120,8 @@ def draw(results: Sequence[SuiteResult], directory: Path, learned: Path) -> dict
 
 def summary(results: Sequence[SuiteResult]) -> dict[str, Any]:
     """Return the aggregates: of one suite as they are, of several under their names."""
-    summaries: dict[str, Any] = {result.suite: summaries.summary(result) for result in results}
-    return next(iter(summaries.values())) if len(summaries) == 1 else {"suites": summaries}
+    found: dict[str, Any] = {result.suite: summaries.summary(result) for result in results}
+    return next(iter(found.values())) if len(found) == 1 else {"suites": found}
 
 
 def write_summary(path: Path, results: Sequence[SuiteResult], *, overwrite: bool) -> Path:
