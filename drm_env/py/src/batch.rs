@@ -84,7 +84,7 @@ impl Batch {
         num_envs: Count,
         autoreset: &str,
         num_threads: Option<Count>,
-        max_steps: Option<usize>,
+        max_steps: Option<Count>,
     ) -> Outcome<Self> {
         let (num_envs, num_threads) = (num_envs.0, within_processors(py, num_threads)?);
         detached(py, || {
@@ -103,7 +103,7 @@ impl Batch {
             };
             let config = Arc::new(EnvConfig::from_json(config)?);
             let mut engine = Engine::new(Arc::clone(&config), num_envs, mode, num_threads)?;
-            if let Some(steps) = max_steps {
+            if let Some(Count(steps)) = max_steps {
                 engine = engine.limited(steps)?;
             }
             Ok(Self {
