@@ -38,6 +38,7 @@ lint: $(READY) ## formatting, lints, types, generated files and the direction of
 	$(BIN)/mypy --strict python/drm_env
 	$(BIN)/mypy --strict baselines/drm_baselines
 	$(BIN)/mypy --strict tools
+	cargo test --quiet --release --workspace --test layers
 	$(BIN)/lint-imports
 	@fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
 	tools/generate.sh "$$fresh"; \

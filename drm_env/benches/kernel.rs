@@ -6,11 +6,11 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use drm_env::EnvConfig;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::benchmark::kernel;
+use drm_env::config::scenario::Scenario;
 use drm_env::control::Law;
-use drm_env::lane::Instructions;
-use drm_env::rng::Seed;
+use drm_env::math::rng::Seed;
 use drm_env::rollout::rollout;
-use drm_env::scenario::Scenario;
+use drm_env::simd::Instructions;
 
 /// One thesis manoeuvre open loop a lane; an element is a Runge-Kutta step of an environment.
 fn steps(criterion: &mut Criterion) {

@@ -2,7 +2,7 @@
 #![allow(clippy::print_stdout)] // it is what an example is for
 
 use drm_env::benchmark::kernel;
-use drm_env::lane::Instructions;
+use drm_env::simd::Instructions;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = pico_args::Arguments::from_env();

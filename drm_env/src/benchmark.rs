@@ -3,22 +3,22 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::actuator::WheelState;
 use crate::batch::{Autoreset, Batch, StepBuffers};
 use crate::config::EnvConfig;
+use crate::config::parameter::Overrides;
+use crate::config::scenario::Scenario;
 use crate::env::Env;
 use crate::error::{ConfigError, Error};
+use crate::hardware::reaction_wheel::WheelState;
 use crate::interruption;
-use crate::lane::{Instructions, Laned, Pack};
-use crate::leg::{Carried, Leg, Switches, WheelDrive};
-use crate::parameter::Overrides;
-use crate::plan::Plan;
+use crate::math::rng::Seed;
 use crate::plant::RigidInertia;
 use crate::plant::thesis::Constants;
-use crate::rng::Seed;
-use crate::scenario::Scenario;
-use crate::timeline::Piece;
-use crate::vector::{Vector, Work, variants};
+use crate::reference::timeline::Piece;
+use crate::simd::dispatch::{Vector, Work, variants};
+use crate::simd::{Instructions, Laned, Pack};
+use crate::simulation::plan::Plan;
+use crate::simulation::propagate_thesis::{Carried, Leg, Switches, WheelDrive};
 
 /// Time of the kernel and what it ended at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,9 +49,9 @@ pub fn kernel(lanes: usize, steps: usize) -> Result<KernelTime, ConfigError> {
     let plan = Plan::new(&Scenario::default())?;
     Ok(match lanes {
         #[cfg(target_arch = "x86_64")]
-        8 => Manoeuvre::<crate::lane::wide::Wide8>::new(&plan).time(steps),
+        8 => Manoeuvre::<crate::simd::x86::Wide8>::new(&plan).time(steps),
         #[cfg(target_arch = "x86_64")]
-        4 => Manoeuvre::<crate::lane::wide::Wide4>::new(&plan).time(steps),
+        4 => Manoeuvre::<crate::simd::x86::Wide4>::new(&plan).time(steps),
         2 => Manoeuvre::<Pack<2>>::new(&plan).time(steps),
         _ => Manoeuvre::<f64>::new(&plan).time(steps),
     })

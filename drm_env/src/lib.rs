@@ -13,65 +13,35 @@
 //! **Units.** SI and radians throughout.
 //!
 //! # Map
-//! [`arm`], [`plant`], [`shape`], [`modal`], [`linear`], [`model`]: the mechanics. [`profile`], [`deployment`],
-//! [`timeline`]: what is prescribed. [`actuator`], [`motor`], [`integrator`], [`implicit`], [`lane`],
-//! [`quadrature`], [`rng`]: parts that know nothing of the arm. [`control`]: the laws.
-//! [`scenario`], [`distribution`], [`parameter`], [`options`], [`config`]: manoeuvres and environments as data.
-//! [`body`], [`flight`], [`validity`], [`metrics`], [`task`], [`mod@env`], [`batch`], [`rollout`], [`network`]: what flies them;
-//! [`transition`]: the linear model of a whole manoeuvre. [`interruption`]: how long work ends early;
-//! [`memory`]: what fits.
-//! [`render`], [`scene`]: pictures.
+//! From the ground up, each room knowing only those before it: [`error`]; [`simd`], the number type of
+//! the physics and its instructions; [`math`]; [`arm`]; [`hardware`]; [`reference`], what is prescribed;
+//! [`control`], the laws; [`plant`], the equations of motion; [`config`], manoeuvres and environments as
+//! data; [`simulation`], manoeuvres flown sample by sample; [`mod@env`], episodes: observation, reward,
+//! end; [`render`]; [`rollout`] and [`batch`], many at once; [`analysis`]; [`benchmark`].
 
-pub mod actuator;
+pub mod analysis;
 pub mod arm;
 pub mod batch;
 pub mod benchmark;
-mod body;
-mod cohort;
+mod check;
 pub mod config;
 pub mod control;
-mod crew;
-pub mod deployment;
-pub mod distribution;
 pub mod env;
 pub mod error;
-pub mod flight;
-pub mod functions;
-pub mod implicit;
-pub mod integrator;
+pub mod hardware;
 pub mod interruption;
-pub mod lane;
-mod leg;
-pub mod linear;
-mod lines;
+pub mod math;
 pub mod memory;
-pub mod metrics;
-pub mod modal;
-pub mod model;
-pub mod motor;
-pub mod network;
-pub mod options;
-pub mod parameter;
-mod plan;
 pub mod plant;
-mod pool;
-pub mod profile;
-pub mod quadrature;
+pub mod reference;
 pub mod render;
-pub mod rng;
 pub mod rollout;
-pub mod scenario;
-pub mod scene;
-pub mod shape;
-pub mod task;
-pub mod timeline;
-pub mod transition;
+pub mod simd;
+pub mod simulation;
 pub mod validity;
-mod vector;
-mod witness;
 
+pub use analysis::model::Model;
 pub use config::EnvConfig;
+pub use config::scenario::Scenario;
 pub use env::Env;
 pub use error::{ConfigError, Error, SimulationError, SnapshotError};
-pub use model::Model;
-pub use scenario::Scenario;

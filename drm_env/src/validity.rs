@@ -4,9 +4,6 @@
 //! growing where an arm would long have broken, so every door asks here: environments, laws, given
 //! torques, networks and linear models end a flight that leaves these limits and call it diverged.
 
-use crate::flight::Flight;
-use crate::lane::Number;
-
 /// Largest deflection of the tip, as a part of the arm's reach. A cantilever bent so far by a force at
 /// its tip has a slope of 3/2 of this: 0.375. The linear theory takes the curvature w'' for
 /// w'' / (1 + w'^2)^(3/2), a fifth less there, and leaves out that the tip draws near.
@@ -15,14 +12,3 @@ pub const LARGEST_DEFLECTION: f64 = 0.25;
 /// Largest slew error, rad: one turn. Beyond it the arm is where another error has it too, and the
 /// flight, whose open loop, laws and metrics are all about this error, is no longer the manoeuvre.
 pub const LARGEST_SLEW_ERROR: f64 = std::f64::consts::TAU;
-
-impl<T: Number> Flight<T> {
-    /// Lanes whose state is beyond these limits or no longer finite, a bit each.
-    #[inline(always)]
-    pub(crate) fn void(&self) -> u32 {
-        let outputs = self.outputs();
-        let bent = (self.reach() * LARGEST_DEFLECTION).below(outputs.tip[0].abs());
-        let astray = T::splat(LARGEST_SLEW_ERROR).below(self.slew_error().abs());
-        (outputs.not_finite() + bent + astray).bits()
-    }
-}

@@ -1,17 +1,18 @@
 //! Laws that hold whatever the parameters: order of the integration, angular momentum, energy,
 //! rigid motion. No reference runs.
 
-use drm_env::actuator::{RootWheel, TipWheel};
 use drm_env::arm::{Arm, Link, Payload, PayloadInertia};
-use drm_env::control::{Law, WheelTorques};
-use drm_env::deployment::{Deployment, DeploymentMode};
-use drm_env::flight::{Flight, Plan};
+use drm_env::config::scenario::Scenario;
+use drm_env::control::Law;
+use drm_env::hardware::reaction_wheel::WheelTorques;
+use drm_env::hardware::reaction_wheel::{RootWheel, TipWheel};
+use drm_env::math::rng::{Purpose, Seed, Stream};
 use drm_env::plant::PlantModel;
 use drm_env::plant::energy::angular_momentum;
-use drm_env::profile::{Slew, SlewProfile};
-use drm_env::rng::{Purpose, Seed, Stream};
+use drm_env::reference::deployment::{Deployment, DeploymentMode};
+use drm_env::reference::slew::{Slew, SlewProfile};
 use drm_env::rollout::{SIGNAL_NAMES, simulate};
-use drm_env::scenario::Scenario;
+use drm_env::simulation::{Flight, Plan};
 use proptest::prelude::*;
 
 fn launch(scenario: &Scenario) -> Flight {

@@ -7,15 +7,15 @@
 mod consistent_common;
 
 use consistent_common::{NO_TORQUE, fixed, moving, payload, plant, vibration_modes};
+use drm_env::arm::mode_shape::{ShapeBasis, ShapeFamily};
 use drm_env::arm::{Arm, PayloadProperties};
-use drm_env::deployment::Deployment;
-use drm_env::implicit::GeneralizedAlpha;
+use drm_env::math::generalized_alpha::GeneralizedAlpha;
+use drm_env::math::quadrature::{gauss_legendre, integrate};
 use drm_env::plant::consistent::{ConsistentPlant, ConsistentState};
 use drm_env::plant::{Dynamics, RigidInertia, TipTorque, Torques};
-use drm_env::profile::Slew;
-use drm_env::quadrature::{gauss_legendre, integrate};
-use drm_env::shape::{ShapeBasis, ShapeFamily};
-use drm_env::timeline::Timeline;
+use drm_env::reference::deployment::Deployment;
+use drm_env::reference::slew::Slew;
+use drm_env::reference::timeline::Timeline;
 
 /// Energies from the positions of the particles in space, differentiated along the motion: not from
 /// the rows of the plant.

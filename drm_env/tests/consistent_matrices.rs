@@ -7,13 +7,14 @@
 mod consistent_common;
 
 use consistent_common::{NO_TORQUE, fixed, moving, payload, plant, vibration_modes};
+use drm_env::arm::mode_shape::{ShapeBasis, ShapeFamily};
 use drm_env::arm::{Arm, Payload, PayloadProperties, TABLE_2_7};
-use drm_env::implicit::GeneralizedAlpha;
+use drm_env::math::generalized_alpha::GeneralizedAlpha;
+use drm_env::math::quadrature::{gauss_legendre, integrate};
+use drm_env::plant::Dynamics;
 use drm_env::plant::consistent::{ConsistentPlant, ConsistentState, Kinematics};
 use drm_env::plant::thesis::Constants;
-use drm_env::plant::{Dynamics, Extension};
-use drm_env::quadrature::{gauss_legendre, integrate};
-use drm_env::shape::{ShapeBasis, ShapeFamily};
+use drm_env::reference::Extension;
 use nalgebra::{DMatrix, DVector};
 
 /// Hz, f1 f2 f3 a length: converged finite elements of the same pinned beam (cubic Hermite elements,

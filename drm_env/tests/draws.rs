@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::config::EnvConfig;
-use drm_env::distribution::{Distribution, Setting};
+use drm_env::config::distribution::{Distribution, Setting};
+use drm_env::config::parameter::{Overrides, Randomize, position};
 use drm_env::env::sample_scenarios;
-use drm_env::parameter::{Overrides, Randomize, position};
-use drm_env::profile::SlewProfile;
-use drm_env::rng::Seed;
+use drm_env::math::rng::Seed;
+use drm_env::reference::slew::SlewProfile;
 use drm_env::{Env, Error};
 
 fn named(name: &str) -> Setting {

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use drm_env::Env;
 use drm_env::EnvConfig;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
+use drm_env::config::parameter::Overrides;
+use drm_env::config::scenario::Scenario;
 use drm_env::control::Law;
-use drm_env::lane::Instructions;
-use drm_env::parameter::Overrides;
-use drm_env::rng::Seed;
+use drm_env::math::rng::Seed;
 use drm_env::rollout::{rollout, simulate};
-use drm_env::scenario::Scenario;
+use drm_env::simd::Instructions;
 
 /// What a step returns, as bits.
 #[derive(Debug, PartialEq, Clone)]

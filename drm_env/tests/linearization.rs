@@ -4,15 +4,16 @@
 // the measured figures, with --nocapture
 #![allow(clippy::print_stdout)]
 
+use drm_env::analysis::linearization::{INPUT_NAMES, Linearization, OUTPUT_NAMES};
+use drm_env::analysis::model::{Model, ModelPlant, ModelSpec};
 use drm_env::arm::{Arm, Payload};
-use drm_env::implicit::GeneralizedAlpha;
-use drm_env::integrator::{Stage, rk4_step};
-use drm_env::linear::{INPUT_NAMES, Linearization, OUTPUT_NAMES};
-use drm_env::model::{Model, ModelPlant, ModelSpec};
+use drm_env::math::generalized_alpha::GeneralizedAlpha;
+use drm_env::math::runge_kutta::{Stage, rk4_step};
 use drm_env::plant::consistent::{CAPACITY, ConsistentPlant, ConsistentState};
 use drm_env::plant::thesis::{Constants, Prepared};
-use drm_env::plant::{Dynamics, Extension, TipTorque, Torques};
-use drm_env::timeline::Piece;
+use drm_env::plant::{Dynamics, TipTorque, Torques};
+use drm_env::reference::Extension;
+use drm_env::reference::timeline::Piece;
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 

@@ -1,13 +1,13 @@
 //! The models of the arm's bending against each other and against textbook roots.
 
-use drm_env::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
-use drm_env::modal::assumed::beam_frequencies;
-use drm_env::modal::exact::{self, Conditions};
-use drm_env::modal::{
+use drm_env::analysis::modal::assumed_modes::beam_frequencies;
+use drm_env::analysis::modal::exact::{self, Conditions};
+use drm_env::analysis::modal::{
     AssumedArm, FiniteElementBeam, Kinematics, ModeShapes, Root, Segment, SegmentedBeam, TipBody,
     UniformBeam, elastic_modes,
 };
-use drm_env::shape::{ShapeBasis, ShapeFamily};
+use drm_env::arm::mode_shape::{ShapeBasis, ShapeFamily};
+use drm_env::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
 use proptest::prelude::*;
 
 const FAMILIES: [ShapeFamily; 4] = [

@@ -3,14 +3,14 @@
 
 use std::f64::consts::PI;
 
-use drm_env::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
-use drm_env::modal::assumed::beam_frequencies;
-use drm_env::modal::exact::{self, Conditions};
-use drm_env::modal::torsion::{self, LINK1, LINK2, OVERLAP};
-use drm_env::modal::{
+use drm_env::analysis::modal::assumed_modes::beam_frequencies;
+use drm_env::analysis::modal::exact::{self, Conditions};
+use drm_env::analysis::modal::torsion::{self, LINK1, LINK2, OVERLAP};
+use drm_env::analysis::modal::{
     AssumedArm, FiniteElementBeam, Kinematics, Root, Segment, TipBody, UniformBeam, appendix_e,
 };
-use drm_env::shape::ShapeFamily;
+use drm_env::arm::mode_shape::ShapeFamily;
+use drm_env::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
 use serde_json::Value;
 
 fn table(name: &str) -> Value {
@@ -248,7 +248,11 @@ fn rigid_link_1_agrees_with_another_derivation() {
 fn whole_arm_agrees_with_finite_elements_of_another_program() {
     check("reference_arm", |entry| {
         let payload = entry.payload(PayloadInertia::Full);
-        let beam = drm_env::modal::SegmentedBeam::arm(&Arm::default(), &payload, entry.extension());
+        let beam = drm_env::analysis::modal::SegmentedBeam::arm(
+            &Arm::default(),
+            &payload,
+            entry.extension(),
+        );
         hertz(FiniteElementBeam::new(beam, 60).frequencies())
     });
 }

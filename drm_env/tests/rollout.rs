@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
+use drm_env::config::parameter::Overrides;
 use drm_env::config::{Actuator, EnvConfig};
 use drm_env::control::Law;
+use drm_env::control::mlp::{Activation, Layer, Network, Output, Scratch};
 use drm_env::env::sample_scenarios;
-use drm_env::lane::Instructions;
-use drm_env::metrics::Metrics;
-use drm_env::network::{Activation, Layer, Network, Output, Scratch};
-use drm_env::parameter::Overrides;
+use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
-use drm_env::rng::Seed;
 use drm_env::rollout::{
     Controller, Flown, Options, Recording, SIGNAL_NAMES, fly, rollout, signals, simulate,
 };
+use drm_env::simd::Instructions;
+use drm_env::simulation::metrics::Metrics;
 use drm_env::{Env, Error, Scenario, SimulationError};
 
 fn seeds(count: usize) -> Vec<Seed> {
@@ -97,7 +97,7 @@ fn network(inputs: usize, outputs: usize, gain: f32) -> Network {
 }
 
 fn network_for(config: &EnvConfig) -> Network {
-    let inputs = drm_env::task::observation_size(config);
+    let inputs = drm_env::env::observation::observation_size(config);
     network(inputs, config.task.actuators.len(), 0.4)
 }
 
@@ -200,7 +200,7 @@ fn tasks() -> Vec<EnvConfig> {
 fn step_by_hand(config: &EnvConfig, scenario: &Scenario, seed: Seed, network: &Network) -> Env {
     let mut config = config.clone();
     config.scenario = *scenario;
-    config.randomize = drm_env::parameter::Randomize::default();
+    config.randomize = drm_env::config::parameter::Randomize::default();
     let mut env = Env::new(Arc::new(config)).unwrap();
     env.reset(Some(seed), &Overrides::new()).unwrap();
     let mut action = vec![0.0; network.outputs()];
@@ -289,7 +289,7 @@ fn refusal(config: &EnvConfig, network: &Network, scenarios: &[Scenario]) -> Str
 #[test]
 fn what_does_not_fit_the_task_is_refused() {
     let config = EnvConfig::preset("slew").unwrap();
-    let size = drm_env::task::observation_size(&config);
+    let size = drm_env::env::observation::observation_size(&config);
     let good = [config.scenario; 3];
     assert_eq!(
         refusal(&config, &network(size + 1, 2, 0.1), &good),
@@ -400,7 +400,7 @@ fn an_interruption_ends_the_work() {
 #[test]
 fn a_policy_that_is_not_a_number_is_named() {
     let config = EnvConfig::preset("slew").unwrap();
-    let size = drm_env::task::observation_size(&config);
+    let size = drm_env::env::observation::observation_size(&config);
     // f32::MAX^9 is beyond double precision; infinite sums of both signs are not a number
     let widen = |inputs: usize, sign: f32| Layer {
         weights: (0..2 * inputs)

@@ -16,13 +16,14 @@
 
 use std::f64::consts::PI;
 
+use drm_env::analysis::modal::{AssumedArm, FiniteElementBeam, Kinematics, SegmentedBeam};
+use drm_env::arm::mode_shape::ShapeFamily;
 use drm_env::arm::{Arm, Link, PayloadInertia, PayloadProperties};
-use drm_env::implicit::GeneralizedAlpha;
-use drm_env::modal::{AssumedArm, FiniteElementBeam, Kinematics, SegmentedBeam};
+use drm_env::math::generalized_alpha::GeneralizedAlpha;
 use drm_env::plant::consistent::{CAPACITY, ConsistentPlant, ConsistentState};
-use drm_env::plant::{Dynamics, Extension, Torques};
-use drm_env::shape::ShapeFamily;
-use drm_env::timeline::Piece;
+use drm_env::plant::{Dynamics, Torques};
+use drm_env::reference::Extension;
+use drm_env::reference::timeline::Piece;
 
 const LENGTH: f64 = 8.0;
 const STIFFNESS: f64 = 3.0e6;

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::config::EnvConfig;
+use drm_env::config::distribution::{Distribution, Setting};
+use drm_env::config::parameter::{Overrides, Randomize, position};
 use drm_env::control::Law;
-use drm_env::distribution::{Distribution, Setting};
-use drm_env::parameter::{Overrides, Randomize, position};
+use drm_env::math::rng::{Purpose, Seed, Stream};
 use drm_env::plant::PlantModel;
-use drm_env::rng::{Purpose, Seed, Stream};
 use drm_env::{Env, Error, SnapshotError};
 
 /// Magic, version, fingerprint of the configuration.

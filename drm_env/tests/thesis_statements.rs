@@ -2,14 +2,14 @@
 //! tolerances and the manoeuvres are in tests/golden/thesis_statements.json.
 
 use drm_env::arm::{Payload, PayloadInertia};
+use drm_env::config::scenario::Scenario;
 use drm_env::control::{Law, LinearLaw, LyapunovLaw};
-use drm_env::deployment::{Deployment, DeploymentMode};
-use drm_env::motor::MotorConstants;
+use drm_env::hardware::slew_motor::MotorConstants;
+use drm_env::math::rng::Seed;
 use drm_env::plant::TipTorque;
-use drm_env::profile::{Slew, SlewProfile};
-use drm_env::rng::Seed;
+use drm_env::reference::deployment::{Deployment, DeploymentMode};
+use drm_env::reference::slew::{Slew, SlewProfile};
 use drm_env::rollout::{SIGNAL_NAMES, Trajectory, simulate};
-use drm_env::scenario::Scenario;
 use serde_json::Value;
 
 fn golden(key: &str) -> Value {

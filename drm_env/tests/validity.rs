@@ -2,20 +2,20 @@
 
 use std::sync::Arc;
 
+use drm_env::analysis::transitions::Transitions;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
+use drm_env::config::distribution::Setting;
+use drm_env::config::parameter::{COUNT, Overrides, PARAMETERS};
 use drm_env::config::{EnvConfig, Limits};
 use drm_env::control::Law;
-use drm_env::deployment::DeploymentMode;
-use drm_env::distribution::Setting;
-use drm_env::metrics::Metrics;
-use drm_env::network::{Activation, Layer, Network, Output};
-use drm_env::parameter::{COUNT, Overrides, PARAMETERS};
+use drm_env::control::mlp::{Activation, Layer, Network, Output};
+use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
-use drm_env::rng::Seed;
+use drm_env::reference::deployment::DeploymentMode;
 use drm_env::rollout::{
     Controller, Options, Recording, SIGNAL_NAMES, Schedule, Trajectory, fly, simulate,
 };
-use drm_env::transition::Transitions;
+use drm_env::simulation::metrics::Metrics;
 use drm_env::validity::{LARGEST_DEFLECTION, LARGEST_SLEW_ERROR};
 use drm_env::{Env, Error, Scenario, SimulationError};
 
@@ -197,7 +197,7 @@ fn environments_end_at_the_limits_whatever_their_own() {
 fn networks_end_at_the_limits_whatever_their_tasks() {
     let config = unlimited();
     let layer = Layer {
-        weights: vec![0.0; 2 * drm_env::task::observation_size(&config)],
+        weights: vec![0.0; 2 * drm_env::env::observation::observation_size(&config)],
         biases: vec![0.0; 2],
     };
     let network = Network::new(&[layer], Activation::Tanh, Output::Clip).expect("it is one");
@@ -290,7 +290,7 @@ fn fly_through(config: &EnvConfig, what: &str) {
 
 fn short(plant: PlantModel) -> EnvConfig {
     let mut config = EnvConfig::preset("slew_residual").expect("it is a preset");
-    config.randomize = drm_env::parameter::Randomize::default();
+    config.randomize = drm_env::config::parameter::Randomize::default();
     config.scenario.plant = plant;
     config.scenario.modes = [1, 1];
     config.scenario.horizon = 0.6;

@@ -1,17 +1,18 @@
 //! The model as matrices, laws outside the engine's loop, and whole manoeuvres.
 
 use drm_env::Model as Engine;
+use drm_env::analysis::linearization::{INPUT_NAMES, OUTPUT_NAMES};
+use drm_env::analysis::transitions::Transitions;
 use drm_env::arm::{PayloadInertia, PayloadProperties};
+use drm_env::config::scenario::Scenario;
 use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
 use drm_env::control::{KnownInertia, Law as EngineLaw, LawMemory, Measurement};
 use drm_env::error::{ConfigError, Error};
-use drm_env::linear::{INPUT_NAMES, OUTPUT_NAMES};
-use drm_env::metrics::METRIC_NAMES;
-use drm_env::plant::{Extension, Torques};
-use drm_env::rng::Seed;
+use drm_env::math::rng::Seed;
+use drm_env::plant::Torques;
+use drm_env::reference::Extension;
 use drm_env::rollout::SIGNAL_NAMES;
-use drm_env::scenario::Scenario;
-use drm_env::transition::Transitions;
+use drm_env::simulation::metrics::METRIC_NAMES;
 use drm_env::{env, interruption, memory, rollout as flights};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use drm_env::batch::{Autoreset, Batch as Engine, COORDINATES, Ended, StepBuffers};
 use drm_env::config::EnvConfig;
+use drm_env::config::parameter::{COUNT, Overrides};
 use drm_env::error::{ConfigError, Error};
-use drm_env::metrics::METRIC_NAMES;
-use drm_env::parameter::{COUNT, Overrides};
-use drm_env::rng::Seed;
-use drm_env::scene::scene;
+use drm_env::math::rng::Seed;
+use drm_env::render::from_simulation::scene;
+use drm_env::simulation::metrics::METRIC_NAMES;
 use drm_env::{Env, interruption, memory, render};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -16,7 +16,7 @@ use pyo3::pybacked::PyBackedBytes;
 use crate::arrays::{Count, In1, In2, InOut1, InOut2, Out1, Out2, Out3};
 use crate::env::{flight, picture, settings, signals_now};
 use crate::error::{Outcome, check_shape, detached};
-use crate::kept::Kept;
+use crate::kept::ScenarioDelta;
 use crate::threads::within_processors;
 
 /// Settings of every environment from JSON text.
@@ -33,7 +33,7 @@ fn all_settings(py: Python<'_>, texts: Vec<Option<String>>) -> Outcome<Vec<Overr
 /// Many environments; see `DrmVectorEnv` in the Python package.
 #[pyclass(frozen, module = "drm_env._engine")]
 pub(crate) struct Batch {
-    engine: Kept<Engine>,
+    engine: ScenarioDelta<Engine>,
     num_envs: usize,
     action_size: usize,
     observation_size: usize,
@@ -111,7 +111,7 @@ impl Batch {
                 action_size: config.task.actuators.len(),
                 observation_size: engine.observation_size(),
                 horizon_steps: config.actions_per_episode(),
-                engine: Kept::new(engine),
+                engine: ScenarioDelta::new(engine),
             })
         })
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use drm_env::benchmark;
 use drm_env::config::EnvConfig;
 use drm_env::error::ConfigError;
-use drm_env::lane::Instructions;
+use drm_env::simd::Instructions;
 use pyo3::prelude::*;
 
 use crate::arrays::Count;

@@ -1,11 +1,12 @@
 //! Configuration as text, and the names that go with it.
 
 use drm_env::config::EnvConfig;
+use drm_env::config::options::OPTIONS;
+use drm_env::config::parameter::PARAMETERS;
+use drm_env::env::observation;
+use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error};
-use drm_env::metrics::METRIC_NAMES;
-use drm_env::options::OPTIONS;
-use drm_env::parameter::PARAMETERS;
-use drm_env::task::{self, REWARD_NAMES};
+use drm_env::simulation::metrics::METRIC_NAMES;
 use pyo3::prelude::*;
 use serde_json::{Map, Value, json};
 
@@ -84,9 +85,9 @@ type Entry = (String, String, f64, f64, f64);
 #[pyfunction]
 pub(crate) fn observation_layout(config: &str) -> Outcome<Vec<Entry>> {
     guarded(|| {
-        let layout = task::observation_layout(&EnvConfig::from_json(config)?.task);
+        let layout = observation::observation_layout(&EnvConfig::from_json(config)?.task);
         let rows = layout.into_iter().map(|entry| {
-            let limit = task::OBSERVATION_LIMIT;
+            let limit = observation::OBSERVATION_LIMIT;
             (
                 entry.name,
                 entry.unit.to_owned(),

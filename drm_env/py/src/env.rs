@@ -3,20 +3,20 @@
 use std::sync::Arc;
 
 use drm_env::config::EnvConfig;
+use drm_env::config::parameter::{Overrides, overrides};
+use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error, SimulationError};
-use drm_env::flight::Flight;
-use drm_env::metrics::METRIC_NAMES;
-use drm_env::parameter::{Overrides, overrides};
-use drm_env::rng::Seed;
+use drm_env::math::rng::Seed;
+use drm_env::render::from_simulation::scene;
 use drm_env::rollout::{SIGNAL_NAMES, signals};
-use drm_env::scene::scene;
-use drm_env::task::REWARD_NAMES;
+use drm_env::simulation::Flight;
+use drm_env::simulation::metrics::METRIC_NAMES;
 use drm_env::{Env as Engine, Scenario, memory, render};
 use pyo3::prelude::*;
 
 use crate::arrays::{In1, Out1, Out3};
 use crate::error::{Outcome, detached};
-use crate::kept::Kept;
+use crate::kept::ScenarioDelta;
 
 /// Settings from JSON text; none from `None`.
 pub(crate) fn settings(text: Option<&str>) -> Result<Overrides, Error> {
@@ -71,7 +71,7 @@ fn report(engine: &Engine) -> [f64; REPORT] {
 /// One environment; see the class of the same name in the Python package.
 #[pyclass(frozen, module = "drm_env._engine")]
 pub(crate) struct Env {
-    engine: Kept<Engine>,
+    engine: ScenarioDelta<Engine>,
     action_size: usize,
     observation_size: usize,
     horizon_steps: usize,
@@ -88,7 +88,7 @@ impl Env {
                 action_size: config.task.actuators.len(),
                 observation_size: engine.observation().len(),
                 horizon_steps: config.actions_per_episode(),
-                engine: Kept::new(engine),
+                engine: ScenarioDelta::new(engine),
             })
         })
     }

@@ -27,7 +27,7 @@ enum Condition {
     Stopped,
 }
 
-pub(crate) struct Kept<T> {
+pub(crate) struct ScenarioDelta<T> {
     engine: Mutex<(T, Condition)>,
     /// The process in which it was called last: a forked one inherits the lock, but not the thread that
     /// may have it.
@@ -38,7 +38,7 @@ pub(crate) struct Kept<T> {
 
 /// The engine while a thread has it.
 struct Held<'a, T> {
-    kept: &'a Kept<T>,
+    kept: &'a ScenarioDelta<T>,
     engine: MutexGuard<'a, (T, Condition)>,
 }
 
@@ -54,7 +54,7 @@ fn this_thread() -> usize {
     PLACE.with(|place| std::ptr::from_ref(place).addr())
 }
 
-impl<T: Send> Kept<T> {
+impl<T: Send> ScenarioDelta<T> {
     pub(crate) fn new(engine: T) -> Self {
         Self {
             engine: Mutex::new((engine, Condition::Whole)),

@@ -2,9 +2,9 @@
 
 use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
 use drm_env::control::Law;
+use drm_env::control::mlp::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::error::{ConfigError, Error};
-use drm_env::network::{Activation, Layer, Network as Engine, Output, Scratch};
-use drm_env::rng::Seed;
+use drm_env::math::rng::Seed;
 use drm_env::rollout::{self as flights, Controller, Options, Recording, Schedule};
 use drm_env::{interruption, memory};
 use pyo3::prelude::*;

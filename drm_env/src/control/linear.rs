@@ -4,9 +4,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Measurement, WheelTorques, finite_gain};
+use super::{Measurement, finite_gain};
 use crate::error::ConfigError;
-use crate::lane::Lane;
+use crate::hardware::reaction_wheel::WheelTorques;
+use crate::simd::Lane;
 
 /// Gains of the root wheel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]

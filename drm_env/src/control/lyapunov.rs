@@ -5,9 +5,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{KnownInertia, LawMemory, Measurement, WheelTorques, finite_gain};
+use super::{KnownInertia, LawMemory, Measurement, finite_gain};
 use crate::error::ConfigError;
-use crate::lane::Lane;
+use crate::hardware::reaction_wheel::WheelTorques;
+use crate::simd::Lane;
 
 /// Gains of the root wheel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -3,6 +3,7 @@
 
 pub mod linear;
 pub mod lyapunov;
+pub mod mlp;
 pub mod scheduled;
 
 use schemars::JsonSchema;
@@ -10,7 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::arm::{Arm, PayloadProperties};
 use crate::error::ConfigError;
-use crate::lane::{Lane, laned};
+use crate::hardware::reaction_wheel::WheelTorques;
+use crate::simd::{Lane, laned};
 
 pub use linear::LinearLaw;
 pub use lyapunov::LyapunovLaw;
@@ -123,15 +125,6 @@ pub struct Measurement<T> {
     pub extension: T,
 }
 
-/// Torques of the two wheels, N m.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WheelTorques<T> {
-    /// At the shoulder.
-    pub root: T,
-    /// At the tip.
-    pub tip: T,
-}
-
 /// What a law keeps from one sample to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LawMemory<T> {
@@ -189,5 +182,5 @@ impl KnownInertia<f64> {
 }
 
 pub(crate) fn finite_gain(path: &str, value: f64) -> Result<(), ConfigError> {
-    crate::arm::finite(path, value)
+    crate::check::finite(path, value)
 }

@@ -6,9 +6,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{KnownInertia, Measurement, WheelTorques, finite_gain};
+use super::{KnownInertia, Measurement, finite_gain};
 use crate::error::ConfigError;
-use crate::lane::Lane;
+use crate::hardware::reaction_wheel::WheelTorques;
+use crate::simd::Lane;
 
 /// Reported mass by which the mass of a gain's polynomial is divided, kg (Payload 3 of Table 2-7).
 pub const MASS_SCALE: f64 = 500.0;

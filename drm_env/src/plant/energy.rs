@@ -2,9 +2,10 @@
 //! (not from the closed forms of the matrices).
 
 use crate::arm::{Arm, PayloadProperties};
+use crate::math::quadrature::{gauss_legendre, integrate};
+use crate::plant::Dynamics;
 use crate::plant::thesis::Constants;
-use crate::plant::{Dynamics, Extension};
-use crate::quadrature::{gauss_legendre, integrate};
+use crate::reference::Extension;
 
 /// Kinetic, potential and total energy, J.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,14 +3,17 @@
 pub mod consistent;
 pub mod energy;
 pub mod thesis;
+pub mod thesis_modes;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::arm::{Arm, PayloadProperties, non_negative};
+use crate::arm::{Arm, PayloadProperties};
+use crate::check::non_negative;
 use crate::error::ConfigError;
-use crate::implicit::GeneralizedAlpha;
-use crate::lane::{Lane, laned};
+use crate::math::generalized_alpha::GeneralizedAlpha;
+use crate::reference::Extension;
+use crate::simd::{Lane, laned};
 
 /// Which equations of motion are integrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -72,23 +75,6 @@ impl Dynamics {
         GeneralizedAlpha::new(self.spectral_radius).map(|_| ())
     }
 }
-
-/// Extension of link 2 with its derivatives at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Extension<T> {
-    /// Length outside link 1, a, m.
-    pub length: T,
-    /// da/dt, m/s.
-    pub rate: T,
-    /// d2a/dt2, m/s^2.
-    pub accel: T,
-}
-
-laned!(Extension {
-    length,
-    rate,
-    accel
-});
 
 /// External torques at one instant, N m.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,8 +7,9 @@
 //! R = L2 + L1 s and c = L1 s, powers of s from the third on come from the overlap alone.
 
 use crate::arm::{Arm, PayloadProperties};
-use crate::lane::{Lane, laned};
-use crate::plant::{Dynamics, Extension, TipTorque, Torques};
+use crate::plant::{Dynamics, TipTorque, Torques};
+use crate::reference::Extension;
+use crate::simd::{Lane, laned};
 
 /// Coefficients of the matrices for one arm and payload; constant through an episode. Names ending in
 /// `_s` multiply powers of s, in `_a` powers of a, in `_y` powers of 1/a.

@@ -4,6 +4,7 @@
 //! the left of it, so positive angles and deflections turn counter-clockwise in the picture.
 
 mod canvas;
+pub mod from_simulation;
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,13 +1,18 @@
 //! Manoeuvres under a law or under given torques, side by side.
 
-use crate::control::{Law, WheelTorques};
-use crate::flight::{Flight, Fly, Pilot, everyone, lanes_of};
-use crate::lane::Number;
-use crate::vector::Vector;
-use crate::witness::{Watched, Witness};
+use crate::control::Law;
+use crate::hardware::reaction_wheel::WheelTorques;
+use crate::simd::Number;
+use crate::simd::dispatch::Vector;
+use crate::simd::mask::everyone;
+use crate::simd::mask::lanes_of;
+use crate::simulation::Flight;
+use crate::simulation::controller::Fly;
+use crate::simulation::controller::Pilot;
+use crate::simulation::hook::{Hooked, StepHook};
 
 use super::queue::{Ended, Queue};
-use super::record::Recorder;
+use super::recorder::Recorder;
 
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
@@ -156,11 +161,11 @@ fn leg<T: Vector>(
     T::enter(Fly {
         flight,
         samples: left.min(SAMPLES_BETWEEN_LOOKS),
-        pilot: &mut Watched {
+        pilot: &mut Hooked {
             pilot: &mut pilot,
-            witness: recorder
+            hook: recorder
                 .as_deref_mut()
-                .map(|recorder| recorder as &mut dyn Witness<T>),
+                .map(|recorder| recorder as &mut dyn StepHook<T>),
         },
     });
     let (flown, lost_lanes) = (pilot.flown, pilot.lost);

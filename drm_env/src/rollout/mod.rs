@@ -5,7 +5,7 @@
 pub(crate) mod law;
 mod network;
 mod queue;
-mod record;
+mod recorder;
 mod trajectory;
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -13,23 +13,23 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
 use crate::config::EnvConfig;
+use crate::config::scenario::Scenario;
 use crate::control::Law;
-use crate::crew::widths;
+use crate::control::mlp::Network;
+use crate::env::any_pack::widths;
 use crate::error::{ConfigError, Error, SimulationError};
 use crate::interruption::{self, Flag};
-use crate::lane::{Instructions, Pack};
+use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
-use crate::metrics::Metrics;
-use crate::network::Network;
-use crate::rng::{Purpose, Seed, Stream};
-use crate::scenario::Scenario;
-use crate::vector::Vector;
+use crate::simd::dispatch::Vector;
+use crate::simd::{Instructions, Pack};
+use crate::simulation::metrics::Metrics;
 
 use network::Autonomy;
 use queue::{Ended, Queue};
 
 pub use law::Schedule;
-pub use record::{MAX_BYTES, Recording, Trajectories};
+pub use recorder::{MAX_BYTES, Recording, Trajectories};
 pub use trajectory::{SIGNAL_NAMES, Trajectory, signals, simulate};
 
 /// Who decides.
@@ -183,9 +183,9 @@ fn fly_watched(
             let builder = std::thread::Builder::new().name(format!("rollout-{thread}"));
             let fly = move || match width {
                 #[cfg(target_arch = "x86_64")]
-                Some(8) => controller.fly::<crate::lane::wide::Wide8>(&queue),
+                Some(8) => controller.fly::<crate::simd::x86::Wide8>(&queue),
                 #[cfg(target_arch = "x86_64")]
-                Some(4) => controller.fly::<crate::lane::wide::Wide4>(&queue),
+                Some(4) => controller.fly::<crate::simd::x86::Wide4>(&queue),
                 Some(2) => controller.fly::<Pack<2>>(&queue),
                 _ => controller.fly::<f64>(&queue),
             };

@@ -2,19 +2,22 @@
 
 use std::sync::Arc;
 
-use crate::cohort::{Cohort, Setup};
+use crate::config::scenario::Scenario;
 use crate::config::{Actuator, EnvConfig};
+use crate::control::mlp::{Network, Scratch};
 use crate::env::Env;
+use crate::env::observation::told_payload;
+use crate::env::pack::EnvPack;
+use crate::env::setup::Setup;
 use crate::error::{ConfigError, SimulationError};
-use crate::flight::{Flight, everyone, lanes_of};
-use crate::network::{Network, Scratch};
-use crate::scenario::Scenario;
-use crate::task::told_payload;
-use crate::vector::{Vector, Work, variants};
-use crate::witness::Witness;
+use crate::simd::dispatch::{Vector, Work, variants};
+use crate::simd::mask::everyone;
+use crate::simd::mask::lanes_of;
+use crate::simulation::Flight;
+use crate::simulation::hook::StepHook;
 
 use super::queue::{Ended, Queue};
-use super::record::Recorder;
+use super::recorder::Recorder;
 
 /// A network and the task it flies.
 pub(super) struct Autonomy<'a> {
@@ -95,7 +98,7 @@ impl<'a> Autonomy<'a> {
                 while more && team.lanes[lane].is_none() {
                     match queue.take() {
                         None => more = false,
-                        Some((index, next)) if team.cohort.flight.accepts(&next) => {
+                        Some((index, next)) if team.pack.flight.accepts(&next) => {
                             team.begin(lane, index, &next);
                         }
                         Some((index, next)) => {
@@ -117,7 +120,7 @@ impl<'a> Autonomy<'a> {
 struct Team<'a, 'b, T: Vector> {
     autonomy: &'a Autonomy<'a>,
     queue: &'a Queue<'b>,
-    cohort: Cohort<T>,
+    pack: EnvPack<T>,
     /// Places in the list.
     lanes: Vec<Option<usize>>,
     recorder: Option<Recorder<'b>>,
@@ -148,7 +151,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
         Self {
             autonomy,
             queue,
-            cohort: Cohort::spread(&single),
+            pack: EnvPack::spread(&single),
             lanes,
             recorder: queue.recorder(T::WIDTH),
             inputs: vec![T::splat(0.0); network.inputs()],
@@ -161,7 +164,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
     fn begin(&mut self, lane: usize, index: usize, flight: &Flight<f64>) {
         let payload = self.autonomy.told(self.queue, index);
         let seed = self.queue.seeds[index];
-        self.cohort.start(lane, flight, payload, seed, 0);
+        self.pack.start(lane, flight, payload, seed, 0);
         self.lanes[lane] = Some(index);
     }
 
@@ -175,7 +178,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
         }
         let acted = T::enter(Act {
             network: self.autonomy.network,
-            observations: &self.cohort.observations,
+            observations: &self.pack.observations,
             inputs: &mut self.inputs,
             scratch: &mut self.scratch,
             outputs: &mut self.outputs,
@@ -191,20 +194,20 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
         if let Some(recorder) = &mut self.recorder {
             recorder.look_again();
         }
-        let witness = self.recorder.as_mut();
-        let witness = witness.map(|recorder| recorder as &mut dyn Witness<T>);
-        let outcomes = self.cohort.step_watched(&self.actions, flying, witness);
+        let hook = self.recorder.as_mut();
+        let hook = hook.map(|recorder| recorder as &mut dyn StepHook<T>);
+        let outcomes = self.pack.step_watched(&self.actions, flying, hook);
         let ended = (outcomes.terminated | outcomes.truncated) & flying & everyone::<T>();
         for lane in lanes_of(ended) {
             let Some(index) = self.lanes[lane].take() else {
                 continue;
             };
-            let (flight, driven) = (&self.cohort.flight, self.autonomy.drives_slew);
+            let (flight, driven) = (&self.pack.flight, self.autonomy.drives_slew);
             let rows = self
                 .recorder
                 .as_mut()
                 .map_or_else(Vec::new, |recorder| recorder.end(flight, lane, driven));
-            let metrics = self.cohort.one(lane).metrics();
+            let metrics = self.pack.one(lane).metrics();
             self.queue.send(index, Ok(Ended { metrics, rows }));
         }
         true
@@ -226,7 +229,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
                 let error = SimulationError::PolicyNotFinite {
                     entry,
                     scenario,
-                    time: self.cohort.flight.clock().time.lane(lane),
+                    time: self.pack.flight.clock().time.lane(lane),
                     value: f64::from(row[entry]),
                 };
                 self.lanes[lane] = None;

@@ -3,14 +3,14 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
+use crate::config::scenario::Scenario;
 use crate::error::Error;
-use crate::flight::{Flight, Plan};
-use crate::metrics::Metrics;
-use crate::rng::Seed;
-use crate::scenario::Scenario;
+use crate::math::rng::Seed;
+use crate::simulation::metrics::Metrics;
+use crate::simulation::{Flight, Plan};
 
 use super::noise;
-use super::record::{Recorder, Recording};
+use super::recorder::{Recorder, Recording};
 
 /// What is known of a manoeuvre that has ended.
 pub(super) struct Ended {

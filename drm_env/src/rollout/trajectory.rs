@@ -1,17 +1,18 @@
 //! The signals of a manoeuvre, and one manoeuvre with all of them.
 
+use crate::config::scenario::Scenario;
 use crate::control::Law;
 use crate::error::{ConfigError, Error};
-use crate::flight::{Clock, Flight, Plan};
 use crate::interruption;
-use crate::lane::{Laned, Number};
+use crate::math::rng::Seed;
 use crate::memory;
-use crate::metrics::Metrics;
-use crate::rng::Seed;
-use crate::scenario::Scenario;
+use crate::simd::{Laned, Number};
+use crate::simulation::clock::Clock;
+use crate::simulation::metrics::Metrics;
+use crate::simulation::{Flight, Plan};
 
 use super::noise;
-use super::record::MAX_BYTES;
+use super::recorder::MAX_BYTES;
 
 /// Names of the signals of a [`Trajectory`], in order.
 pub const SIGNAL_NAMES: [&str; 20] = [

@@ -2,8 +2,9 @@
 
 use drm_env::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
 use drm_env::plant::consistent::{CAPACITY, ConsistentPlant, ConsistentState};
-use drm_env::plant::{Dynamics, Extension, Torques};
-use drm_env::timeline::Piece;
+use drm_env::plant::{Dynamics, Torques};
+use drm_env::reference::Extension;
+use drm_env::reference::timeline::Piece;
 use nalgebra::SymmetricEigen;
 
 /// A payload of table 2-7: 0 is none, 1 to 4 are the thesis' Payloads 0 to 3.

@@ -39,11 +39,11 @@
 //! link 2's shapes. The payload, closed forms of the length and the rest follow in the step, which is
 //! written over lanes: environments with different payloads side by side.
 
-mod equations;
-mod field;
-mod motion;
-mod shared;
-mod table;
+mod arm_tables;
+mod chebyshev;
+mod displacement;
+mod step;
+mod terms;
 #[cfg(test)]
 mod tests;
 
@@ -51,19 +51,20 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::arm::mode_shape::ShapeFamily;
 use crate::arm::{Arm, PayloadProperties};
 use crate::error::ConfigError;
 use crate::plant::energy::Energy;
-use crate::plant::{Dynamics, Extension, TipTorque, Torques};
-use crate::shape::ShapeFamily;
+use crate::plant::{Dynamics, TipTorque, Torques};
+use crate::reference::Extension;
 
-pub use field::CAPACITY;
-pub use motion::{ConsistentLanes, ConsistentOutputs, ConsistentState};
-pub use shared::ConsistentArm;
+pub use arm_tables::ConsistentArm;
+pub use displacement::CAPACITY;
+pub use step::{ConsistentLanes, ConsistentOutputs, ConsistentState};
 
-use equations::{Payload, Terms, Weights};
-use field::{Field, Integrals, Row};
-use shared::{MOST, PACKED, Slots};
+use arm_tables::{MOST, PACKED, Slots};
+use displacement::{Field, Integrals, Row};
+use terms::{Payload, Terms, Weights};
 
 /// Part of a length by which a plant may be asked beyond its extensions.
 const MARGIN: f64 = 0.01;

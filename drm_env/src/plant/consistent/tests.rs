@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use crate::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
-use crate::implicit::GeneralizedAlpha;
-use crate::lane::{Lane, Pack};
+use crate::math::generalized_alpha::GeneralizedAlpha;
 use crate::plant::consistent::{CAPACITY, ConsistentLanes, ConsistentPlant, ConsistentState};
-use crate::plant::{Dynamics, Extension, TipTorque, Torques};
-use crate::timeline::Piece;
+use crate::plant::{Dynamics, TipTorque, Torques};
+use crate::reference::Extension;
+use crate::reference::timeline::Piece;
+use crate::simd::{Lane, Pack};
 
 const WIDTH: usize = 8;
 const STEPS: usize = 120;
@@ -203,13 +204,13 @@ fn fly_together<T: Lane>(singles: &[Single], alone: &[Vec<ConsistentState>], nam
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
 fn fly_avx512(singles: &[Single], alone: &[Vec<ConsistentState>]) {
-    fly_together::<crate::lane::wide::Wide8>(singles, alone, "AVX-512");
+    fly_together::<crate::simd::x86::Wide8>(singles, alone, "AVX-512");
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn fly_avx2(singles: &[Single], alone: &[Vec<ConsistentState>]) {
-    fly_together::<crate::lane::twin::Twin<crate::lane::wide::Wide4>>(singles, alone, "AVX2");
+    fly_together::<crate::simd::paired::Paired<crate::simd::x86::Wide4>>(singles, alone, "AVX2");
 }
 
 /// Different payloads, dampings, extensions and steps; some lanes at rest, flights that start and

@@ -1,0 +1,52 @@
+//! Configurations from JSON text.
+
+use crate::config::scenario::Scenario;
+use crate::control::Law;
+use crate::error::ConfigError;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+
+/// Reads a typed value, naming the path of what does not fit.
+pub(crate) fn typed<T: DeserializeOwned>(document: Value) -> Result<T, ConfigError> {
+    serde_path_to_error::deserialize(document).map_err(|e| {
+        let path = e.path().to_string();
+        ConfigError::form(path, e.into_inner())
+    })
+}
+
+/// A JSON object from text.
+pub(crate) fn object(name: &str, text: &str) -> Result<Map<String, Value>, ConfigError> {
+    serde_json::from_str(text).map_err(|e| ConfigError::form(name, e))
+}
+
+/// `"linear"` stands for `{"name": "linear"}`.
+pub(crate) fn name_law(law: &mut Value) {
+    if let Value::String(name) = law {
+        *law = json!({ "name": name });
+    }
+}
+
+/// One scenario from JSON text; parts left out have their defaults.
+///
+/// # Errors
+/// Malformed text, unknown names, values of the wrong type or out of range; each with its path.
+pub fn scenario_from_json(text: &str) -> Result<Scenario, ConfigError> {
+    let scenario: Scenario = typed(Value::Object(object("scenario", text)?))?;
+    scenario.validate()?;
+    Ok(scenario)
+}
+
+/// A law from JSON text: an object, or the bare name in quotes.
+///
+/// # Errors
+/// An unknown name, unknown gains, or gains that are not finite.
+pub fn law_from_json(text: &str) -> Result<Law, ConfigError> {
+    let mut value: Value = serde_json::from_str(text).map_err(|e| ConfigError::form("law", e))?;
+    name_law(&mut value);
+    if let Some(name) = value.get("name").and_then(Value::as_str) {
+        Law::named(name).map_err(|e| e.within("law"))?;
+    }
+    let law: Law = typed(value).map_err(|e| e.within("law"))?;
+    law.validate().map_err(|e| e.within("law"))?;
+    Ok(law)
+}

@@ -1,0 +1,267 @@
+//! Options of an environment: parts of a configuration and flat options, laid over a preset.
+
+use serde_json::{Map, Value, json};
+
+use crate::config::parameter::PARAMETERS;
+use crate::error::ConfigError;
+
+/// Options that are not scenario parameters: flat name, path, unit, what it is.
+pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
+    ("plant", "scenario.plant", "-", "Equations of motion."),
+    (
+        "modes",
+        "scenario.modes",
+        "-",
+        "Modes of link 1 and link 2 in the consistent plant.",
+    ),
+    (
+        "spectral_radius",
+        "scenario.dynamics.spectral_radius",
+        "-",
+        "Of the consistent plant's integrator at infinite frequency.",
+    ),
+    (
+        "axial_load",
+        "scenario.dynamics.axial_load",
+        "-",
+        "Stiffening by the axial load.",
+    ),
+    (
+        "particle_following",
+        "scenario.dynamics.particle_following",
+        "-",
+        "Follow the moving particles of link 2.",
+    ),
+    (
+        "tip_torque",
+        "scenario.dynamics.tip_torque",
+        "-",
+        "What the tip torque works on: slew_and_tip or tip_only.",
+    ),
+    (
+        "integrator_step",
+        "scenario.integrator_step",
+        "s",
+        "Longest integration step.",
+    ),
+    (
+        "sample_period",
+        "scenario.sample_period",
+        "s",
+        "Period of laws, sensors and metrics.",
+    ),
+    (
+        "horizon",
+        "scenario.horizon",
+        "s",
+        "Duration of an episode.",
+    ),
+    (
+        "motor_constants",
+        "scenario.slew_motor.constants",
+        "-",
+        "Motor model: fitted or printed constants.",
+    ),
+    (
+        "slew_motor_torque_limit",
+        "scenario.slew_motor.torque_limit",
+        "N m",
+        "Torque limit of the slew motor as an actuator.",
+    ),
+    (
+        "control_period",
+        "task.control_period",
+        "s",
+        "Time between two actions.",
+    ),
+    (
+        "actuators",
+        "task.actuators",
+        "-",
+        "What the action drives.",
+    ),
+    (
+        "inner_law",
+        "task.inner_law",
+        "-",
+        "Law below the agent's torques.",
+    ),
+    (
+        "wheel_scale",
+        "task.wheel_scale",
+        "-",
+        "Wheel torque at an action of 1, in multiples of the limit.",
+    ),
+    (
+        "action_rate_limit",
+        "task.action_rate_limit",
+        "1/s",
+        "Largest change of an action.",
+    ),
+    (
+        "observe_payload",
+        "task.observe_payload",
+        "-",
+        "reported, true or hidden.",
+    ),
+    (
+        "observe_identified",
+        "task.observe_identified",
+        "-",
+        "Whether the identified error of the reported mass is shown.",
+    ),
+    (
+        "observation_history",
+        "task.observation_history",
+        "-",
+        "Observations stacked.",
+    ),
+    (
+        "preview_times",
+        "task.preview_times",
+        "s",
+        "Times ahead that are shown.",
+    ),
+    (
+        "reward",
+        "task.reward",
+        "-",
+        "Weights and scales of the reward.",
+    ),
+    (
+        "limits",
+        "task.limits",
+        "-",
+        "Limits that terminate an episode.",
+    ),
+    ("scenario", "scenario", "-", "Parts of the scenario."),
+    (
+        "randomize",
+        "randomize",
+        "-",
+        "Distributions by flat parameter name.",
+    ),
+    ("task", "task", "-", "Parts of the task."),
+];
+
+/// Puts the parts given over a document. A law and a distribution are replaced whole.
+pub(crate) fn overlay(document: &mut Value, parts: Map<String, Value>) {
+    let Value::Object(fields) = document else {
+        *document = Value::Object(parts);
+        return;
+    };
+    for (name, part) in parts {
+        match (fields.get_mut(&name), part) {
+            (Some(inner @ Value::Object(_)), Value::Object(part))
+                if name != "inner_law" && !inner.is_null() && !is_distribution(inner) =>
+            {
+                overlay(inner, part);
+            }
+            (_, part) => {
+                fields.insert(name, part);
+            }
+        }
+    }
+}
+
+/// A scenario parameter that is given is no longer drawn, unless its distribution is given too.
+pub(crate) fn release_fixed(document: &mut Value, parts: &Map<String, Value>) {
+    let Some(scenario) = parts.get("scenario") else {
+        return;
+    };
+    for parameter in PARAMETERS {
+        let pointer = format!("/{}", parameter.path.replace('.', "/"));
+        let drawn = parts.get("randomize").and_then(|r| r.get(parameter.name));
+        if scenario.pointer(&pointer).is_some() && drawn.is_none() {
+            document["randomize"][parameter.name] = Value::Null;
+        }
+    }
+}
+
+fn is_distribution(value: &Value) -> bool {
+    value.as_object().is_some_and(|fields| {
+        fields.len() == 1
+            && ["uniform", "log_uniform", "normal", "choices"]
+                .iter()
+                .any(|name| fields.contains_key(*name))
+    })
+}
+
+/// Sets a flat option: a scenario parameter (fixed by a number, name or null, else drawn), or one of
+/// [`OPTIONS`].
+///
+/// # Errors
+/// An unknown name.
+pub(crate) fn apply_option(
+    document: &mut Value,
+    name: &str,
+    value: Value,
+) -> Result<(), ConfigError> {
+    if let Some(parameter) = PARAMETERS.iter().find(|p| p.name == name) {
+        let fixed = value.is_number() || value.is_string() || value.is_null();
+        // the two ways to state the reported mass exclude each other
+        let rival = match name {
+            "reported_payload_mass" => Some(("mass_error", json!(0.0))),
+            "mass_error" => Some(("reported_payload_mass", Value::Null)),
+            _ => None,
+        };
+        if let Some((rival, off)) = rival.filter(|_| !value.is_null()) {
+            document["randomize"][rival] = Value::Null;
+            let path = PARAMETERS.iter().find(|p| p.name == rival).map(|p| p.path);
+            place(
+                document,
+                &format!("scenario.{}", path.unwrap_or(rival)),
+                off,
+            );
+        }
+        if fixed {
+            document["randomize"][name] = Value::Null;
+            place(document, &format!("scenario.{}", parameter.path), value);
+        } else {
+            document["randomize"][name] = value;
+        }
+        return Ok(());
+    }
+    if let Some((_, path, _, _)) = OPTIONS.iter().find(|(option, ..)| *option == name) {
+        if name == "scenario" {
+            release_fixed(
+                document,
+                &Map::from_iter([(name.to_owned(), value.clone())]),
+            );
+        }
+        place(document, path, value);
+        return Ok(());
+    }
+    let known: Vec<&str> = PARAMETERS
+        .iter()
+        .map(|p| p.name)
+        .chain(OPTIONS.iter().map(|(option, ..)| *option))
+        .collect();
+    let close = known
+        .iter()
+        .filter(|candidate| candidate.contains(name) || name.contains(**candidate))
+        .copied()
+        .collect::<Vec<_>>();
+    let hint = if close.is_empty() { known } else { close };
+    Err(ConfigError::form(
+        name,
+        format!(
+            "is not an option (given {value}); known are {}",
+            hint.join(", ")
+        ),
+    ))
+}
+
+/// Puts a value at a dotted path; objects are overlaid.
+fn place(document: &mut Value, path: &str, value: Value) {
+    let pointer = format!("/{}", path.replace('.', "/"));
+    let Some(slot) = document.pointer_mut(&pointer) else {
+        return;
+    };
+    match value {
+        Value::Object(parts) if slot.is_object() && path != "task.inner_law" => {
+            overlay(slot, parts);
+        }
+        value => *slot = value,
+    }
+}

@@ -1,0 +1,228 @@
+//! Observation, reward and limits: pure functions of what is flown. Not the integrator, not
+//! randomness, not batches.
+
+use crate::config::scenario::Scenario;
+use crate::config::{EnvConfig, ObservePayload, Task};
+use crate::error::ConfigError;
+use crate::simd::Number;
+use crate::simd::functions::asinh;
+use crate::simd::mask::lanes_of;
+use crate::simulation::Flight;
+
+/// One entry of the observation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// Name; entries of older frames carry `@-k`.
+    pub name: String,
+    /// Unit of the value before scaling.
+    pub unit: &'static str,
+    /// The observation is value / scale.
+    pub scale: f64,
+}
+
+/// Every scaled entry is limited to this magnitude.
+pub const OBSERVATION_LIMIT: f64 = 100.0;
+
+/// Entries that do not depend on the configuration: name, unit, scale.
+///
+/// A "fine" entry is asinh(x / x0) of the entry before it, x0 in [`FINE`]; its scale is that of a
+/// value at the linear entry's scale, so that both are of order one.
+const FIXED: [(&str, &str, f64); 23] = [
+    ("slew_error", "rad", 0.1),
+    ("slew_error_fine", "-", 9.9),
+    ("slew_error_rate", "rad/s", 0.02),
+    ("slew_error_rate_fine", "-", 8.3),
+    ("slew_angle", "rad", 1.0),
+    ("slew_rate", "rad/s", 0.2),
+    ("link2_deflection", "m", 0.05),
+    ("link2_deflection_fine", "-", 9.2),
+    ("link2_deflection_rate", "m/s", 0.5),
+    ("link2_deflection_rate_fine", "-", 9.2),
+    ("reference_angle", "rad", 1.0),
+    ("reference_rate", "rad/s", 0.2),
+    ("reference_accel", "rad/s^2", 0.02),
+    ("extension", "m", 8.0),
+    ("extension_rate", "m/s", 1.0),
+    ("extension_accel", "m/s^2", 0.2),
+    ("time_left", "s", 20.0),
+    ("payload_mass", "kg", 500.0),
+    ("payload_length", "m", 2.0),
+    ("payload_width", "m", 1.0),
+    ("slew_torque", "N m", 2000.0),
+    ("root_torque", "N m", 100.0),
+    ("tip_torque", "N m", 10.0),
+];
+
+/// Entries of the wheels' stored momentum: name, unit, scale.
+const MOMENTUM: [(&str, &str, f64); 2] = [
+    ("root_momentum", "N m s", 500.0),
+    ("tip_momentum", "N m s", 50.0),
+];
+
+/// Entry of the identified payload, if it is asked for: name, unit, scale.
+const IDENTIFIED: (&str, &str, f64) = ("identified_mass_error", "1", 0.1);
+
+/// Entries of each preview time: name, unit, scale.
+const PREVIEW: [(&str, &str, f64); 2] = [
+    ("reference_accel", "rad/s^2", 0.02),
+    ("extension", "m", 8.0),
+];
+
+/// Where the compressed entries turn from linear to logarithmic: slew error (rad), its rate
+/// (rad/s), deflection (m), its rate (m/s).
+const FINE: [f64; 4] = [1e-5, 1e-5, 1e-5, 1e-4];
+
+/// Names, units and scales of the whole observation in order; older frames first.
+pub fn observation_layout(task: &Task) -> Vec<Entry> {
+    let mut frame: Vec<(String, &'static str, f64)> = FIXED
+        .iter()
+        .chain(&MOMENTUM)
+        .map(|&(name, unit, scale)| (name.to_owned(), unit, scale))
+        .collect();
+    if task.observe_identified {
+        let (name, unit, scale) = IDENTIFIED;
+        frame.push((name.to_owned(), unit, scale));
+    }
+    for time in &task.preview_times {
+        for (name, unit, scale) in PREVIEW {
+            frame.push((format!("{name}+{time}s"), unit, scale));
+        }
+    }
+    (0..task.observation_history)
+        .rev()
+        .flat_map(|age| {
+            frame.iter().map(move |(name, unit, scale)| Entry {
+                name: if age == 0 {
+                    name.clone()
+                } else {
+                    format!("{name}@-{age}")
+                },
+                unit,
+                scale: *scale,
+            })
+        })
+        .collect()
+}
+
+/// Entries of one frame.
+pub fn frame_size(task: &Task) -> usize {
+    let identified = usize::from(task.observe_identified);
+    FIXED.len() + MOMENTUM.len() + identified + PREVIEW.len() * task.preview_times.len()
+}
+
+/// What is told of the payload: its mass (kg), length and width (m).
+///
+/// # Errors
+/// A payload that cannot be.
+pub(crate) fn told_payload(scenario: &Scenario, task: &Task) -> Result<[f64; 3], ConfigError> {
+    let payload = match task.observe_payload {
+        ObservePayload::Reported => scenario.reported()?,
+        ObservePayload::True => scenario.true_payload()?,
+        ObservePayload::Hidden => return Ok([0.0; 3]),
+    };
+    Ok([payload.mass, payload.length, payload.width])
+}
+
+/// Writes one frame for each of the lanes whose bits are set: `frame(lane)` is where that of a lane
+/// goes. `payload` is what is told of the payloads.
+#[inline(always)]
+pub(crate) fn observe<'a, T: Number>(
+    flight: &Flight<T>,
+    task: &Task,
+    payload: &[T; 3],
+    lanes: u32,
+    mut frame: impl FnMut(usize) -> &'a mut [f32],
+) {
+    let clock = flight.clock();
+    let (reference, extension) = (&clock.reference, &clock.extension);
+    let measurement = flight.measurement();
+    let [angle, rate, ..] = flight.measured();
+    let [slew_torque, root_torque, tip_torque] = flight.common.torques;
+    let left = flight.slew_end_time() - clock.time;
+    let values: [T; FIXED.len() + MOMENTUM.len()] = [
+        measurement.slew_error,
+        asinh(measurement.slew_error * (1.0 / FINE[0])),
+        measurement.slew_error_rate,
+        asinh(measurement.slew_error_rate * (1.0 / FINE[1])),
+        angle,
+        rate,
+        measurement.link2_deflection,
+        asinh(measurement.link2_deflection * (1.0 / FINE[2])),
+        measurement.link2_deflection_rate,
+        asinh(measurement.link2_deflection_rate * (1.0 / FINE[3])),
+        reference.angle,
+        reference.rate,
+        reference.accel,
+        extension.length,
+        extension.rate,
+        extension.accel,
+        left.max(T::splat(0.0)),
+        payload[0],
+        payload[1],
+        payload[2],
+        slew_torque,
+        root_torque,
+        tip_torque,
+        flight.common.root.momentum,
+        flight.common.tip.momentum,
+    ];
+    let limit = T::splat(OBSERVATION_LIMIT);
+    let mut scaled = values;
+    for i in 0..scaled.len() {
+        let (_, _, scale) = if i < FIXED.len() {
+            FIXED[i]
+        } else {
+            MOMENTUM[i - FIXED.len()]
+        };
+        scaled[i] = (values[i] * (1.0 / scale)).limited(-limit, limit);
+    }
+    let identified = if task.observe_identified {
+        flight.identified_mass_error() * (1.0 / IDENTIFIED.2)
+    } else {
+        T::splat(0.0)
+    };
+    for lane in lanes_of(lanes) {
+        let row = frame(lane);
+        let (fixed, mut preview) = row.split_at_mut(scaled.len());
+        for (entry, value) in fixed.iter_mut().zip(&scaled) {
+            *entry = value.lane(lane) as f32;
+        }
+        if task.observe_identified {
+            preview[0] = identified.lane(lane) as f32;
+            preview = &mut preview[1..];
+        }
+        let timeline = flight.timeline_of(lane);
+        let now = clock.time.lane(lane);
+        let mut index = flight.piece_of(lane);
+        let mut last = 0.0;
+        for (pair, ahead) in preview.chunks_exact_mut(2).zip(&task.preview_times) {
+            if *ahead < last {
+                index = flight.piece_of(lane);
+            }
+            last = *ahead;
+            index = timeline.index_from(index, now + ahead);
+            let piece = timeline.piece(index);
+            let u = (now + ahead - piece.start).max(0.0);
+            let then = [piece.motion(u).0, piece.extension(u).length];
+            for ((entry, value), (_, _, scale)) in pair.iter_mut().zip(then).zip(PREVIEW) {
+                let scaled = (value * (1.0 / scale)).clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT);
+                *entry = scaled as f32;
+            }
+        }
+    }
+}
+
+/// The frame of a flight now; `payload` is what is told of its payload.
+pub(crate) fn frame_now(flight: &Flight, task: &Task, payload: &[f64; 3]) -> Vec<f32> {
+    let mut frame = vec![0.0; frame_size(task)];
+    let mut place = Some(frame.as_mut_slice());
+    observe(flight, task, payload, 1, |_| {
+        place.take().unwrap_or_default()
+    });
+    frame
+}
+
+/// Number of entries of an observation.
+pub fn observation_size(config: &EnvConfig) -> usize {
+    frame_size(&config.task) * config.task.observation_history
+}

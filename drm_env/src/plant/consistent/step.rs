@@ -1,0 +1,544 @@
+//! Implicit steps of the consistent plant, one environment or several side by side.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::ConsistentPlant;
+use super::arm_tables::{ConsistentArm, PACKED, Slots};
+use super::displacement::CAPACITY;
+use super::terms::{Payload, Stiffness, Terms, Turned, Weights};
+use crate::math::generalized_alpha::{Equations, GeneralizedAlpha, Jump, Motion};
+use crate::plant::Torques;
+use crate::reference::Extension;
+use crate::reference::timeline::Piece;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::Instructions;
+use crate::simd::Lane;
+
+/// What the plant was driven by at the end of its last step; all zero before the first.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Drive<T> {
+    /// 1 after the first step, 0 before.
+    started: T,
+    slew: T,
+    root: T,
+    tip: T,
+    extension_accel: T,
+}
+
+/// State of the consistent plant: coordinates (theta, link 1, link 2), rad and m, their rates, and
+/// what the integrator remembers. Entries beyond the plant's size are zero.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ConsistentState<T = f64> {
+    /// Coordinates.
+    pub q: [T; CAPACITY],
+    /// Rates, per second.
+    pub v: [T; CAPACITY],
+    /// The integrator's acceleration, per second squared.
+    a: [T; CAPACITY],
+    drive: Drive<T>,
+}
+
+impl<T: Lane> ConsistentState<T> {
+    /// At the beginning of a flight.
+    pub fn new(q: [T; CAPACITY], v: [T; CAPACITY]) -> Self {
+        let zero = T::splat(0.0);
+        Self {
+            q,
+            v,
+            a: [zero; CAPACITY],
+            drive: Drive {
+                started: zero,
+                slew: zero,
+                root: zero,
+                tip: zero,
+                extension_accel: zero,
+            },
+        }
+    }
+
+    /// Every number of the state.
+    #[inline(always)]
+    fn numbers(&self) -> impl Iterator<Item = &T> {
+        let Drive {
+            started,
+            slew,
+            root,
+            tip,
+            extension_accel,
+        } = &self.drive;
+        let drive = [started, slew, root, tip, extension_accel];
+        [&self.q, &self.v, &self.a]
+            .into_iter()
+            .flatten()
+            .chain(drive)
+    }
+
+    #[inline(always)]
+    fn numbers_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        let Drive {
+            started,
+            slew,
+            root,
+            tip,
+            extension_accel,
+        } = &mut self.drive;
+        let drive = [started, slew, root, tip, extension_accel];
+        [&mut self.q, &mut self.v, &mut self.a]
+            .into_iter()
+            .flatten()
+            .chain(drive)
+    }
+
+    /// State of lane `index` alone.
+    pub fn lane(&self, index: usize) -> ConsistentState<f64> {
+        let mut one = ConsistentState::new([0.0; CAPACITY], [0.0; CAPACITY]);
+        for (one, all) in one.numbers_mut().zip(self.numbers()) {
+            *one = all.lane(index);
+        }
+        one
+    }
+
+    /// Replaces the state of lane `index`.
+    pub fn set_lane(&mut self, index: usize, state: &ConsistentState<f64>) {
+        for (all, one) in self.numbers_mut().zip(state.numbers()) {
+            all.set_lane(index, *one);
+        }
+    }
+}
+
+impl ConsistentState<f64> {
+    /// Whether every coordinate, rate and acceleration is finite.
+    pub fn is_finite(&self) -> bool {
+        [&self.q, &self.v, &self.a]
+            .into_iter()
+            .flatten()
+            .all(|x| x.is_finite())
+    }
+
+    /// Whether it can be the state of a plant of so many coordinates that flies on.
+    pub(crate) fn fits(&self, size: usize) -> bool {
+        let beyond = |list: &[f64; CAPACITY]| list[size..].iter().all(|x| *x == 0.0);
+        [&self.q, &self.v, &self.a].into_iter().all(beyond)
+            && [0.0, 1.0].contains(&self.drive.started)
+            && self.numbers().all(|x| x.is_finite())
+    }
+}
+
+/// What is seen of a state, each a value and its rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConsistentOutputs<T> {
+    /// Slew angle, rad.
+    pub slew: [T; 2],
+    /// Deflection of link 1's end, m.
+    pub link1: [T; 2],
+    /// Deflection of link 2's tip from the tangent at link 1's end, m.
+    pub link2: [T; 2],
+    /// Deflection of the arm's tip from the rotating axis, m.
+    pub tip: [T; 2],
+}
+
+/// Equations of motion of several environments side by side: one arm, and a payload a lane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConsistentLanes<T> {
+    pub(super) arm: Arc<ConsistentArm>,
+    pub(super) payload: Payload<T>,
+}
+
+impl<T: Lane> ConsistentLanes<T> {
+    /// The same plant in every lane.
+    pub fn new(plant: &ConsistentPlant) -> Self {
+        let Payload {
+            mass,
+            lever,
+            inertia,
+            damping,
+            whole,
+        } = plant.lanes.payload;
+        Self {
+            arm: plant.lanes.arm.clone(),
+            payload: Payload {
+                mass: T::splat(mass),
+                lever: T::splat(lever),
+                inertia: T::splat(inertia),
+                damping: T::splat(damping),
+                whole: T::splat(whole),
+            },
+        }
+    }
+
+    /// Whether a plant can fly beside the ones here: of the same arm, modes, shapes and axial load.
+    pub fn fits(&self, plant: &ConsistentPlant) -> bool {
+        Arc::ptr_eq(&self.arm, &plant.lanes.arm) || self.arm == plant.lanes.arm
+    }
+
+    /// Puts a plant into lane `index`; one that does not fit ([`ConsistentLanes::fits`]) is refused by
+    /// `false`, and nothing has changed then.
+    #[must_use]
+    pub fn set_lane(&mut self, index: usize, plant: &ConsistentPlant) -> bool {
+        if !self.fits(plant) {
+            return false;
+        }
+        let (all, one) = (&mut self.payload, &plant.lanes.payload);
+        all.mass.set_lane(index, one.mass);
+        all.lever.set_lane(index, one.lever);
+        all.inertia.set_lane(index, one.inertia);
+        all.damping.set_lane(index, one.damping);
+        all.whole.set_lane(index, one.whole);
+        true
+    }
+
+    /// Number of shapes of link 1 and link 2.
+    pub fn modes(&self) -> (usize, usize) {
+        self.arm.modes()
+    }
+
+    /// What is seen of a state at an extension.
+    #[inline(always)]
+    pub fn outputs(
+        &self,
+        state: &ConsistentState<T>,
+        extension: &Extension<T>,
+    ) -> ConsistentOutputs<T> {
+        let (n, m) = self.arm.modes();
+        let arm = &*self.arm;
+        let (q, v) = (&state.q, &state.v);
+        let (q1, v1) = (&q[1..1 + n], &v[1..1 + n]);
+        let (q2, v2) = (&q[1 + n..1 + n + m], &v[1 + n..1 + n + m]);
+        let link1 = [form(&arm.end[..n], q1), form(&arm.end[..n], v1)];
+        let link2 = [form(&arm.tip[..m], q2), form(&arm.tip[..m], v2)];
+        let turn = [form(&arm.turn[..n], q1), form(&arm.turn[..n], v1)];
+        let a = extension.length;
+        let rate = a.mul_add(turn[1], link1[1] + link2[1]);
+        ConsistentOutputs {
+            slew: [state.q[0], state.v[0]],
+            link1,
+            link2,
+            tip: [
+                a.mul_add(turn[0], link1[0] + link2[0]),
+                extension.rate.mul_add(turn[0], rate),
+            ],
+        }
+    }
+
+    /// Advances `state` by a step of length `h` (s), under torques at its beginning, middle and end
+    /// (N m), where `active` is 1; where it is 0 a lane keeps its state. `extension` is that at the
+    /// scheme's balance point, and its acceleration that of the whole step. Torques and extension
+    /// acceleration may jump between steps: second order is kept.
+    ///
+    /// To be inlined into a function compiled for a processor with fused multiply-add; without, the
+    /// bits are the same and the time is not.
+    #[inline(always)]
+    pub fn step(
+        &self,
+        scheme: &GeneralizedAlpha,
+        state: &mut ConsistentState<T>,
+        torques: &[Torques<T>; 3],
+        extension: &Extension<T>,
+        h: T,
+        active: T,
+    ) {
+        const S2: usize = Slots::new(2).count;
+        const S4: usize = Slots::new(4).count;
+        const S7: usize = Slots::new(7).count;
+        const S8: usize = Slots::new(8).count;
+        // the usual numbers of modes on their own, all others by the room that they need
+        let modes = self.arm.modes();
+        let args = (scheme, torques, extension, h, active);
+        match modes {
+            (4, 4) => self.step_of::<9, S4, 10>((4, 4), state, args),
+            (2, 2) if T::WIDTH != 2 => self.step_of::<5, S2, 3>((2, 2), state, args),
+            (n, m) if n + m < 9 => self.step_of::<9, S7, 28>(modes, state, args),
+            _ => self.step_of::<CAPACITY, S8, PACKED>(modes, state, args),
+        }
+    }
+
+    #[inline(always)]
+    fn step_of<const N: usize, const S: usize, const P: usize>(
+        &self,
+        modes: (usize, usize),
+        state: &mut ConsistentState<T>,
+        (scheme, torques, extension, h, active): Arguments<'_, T>,
+    ) {
+        let size = (1 + modes.0 + modes.1).min(N);
+        let zero = T::splat(0.0);
+        let (rate, accel) = (extension.rate, extension.accel);
+        let started = state.drive.started;
+        let change = (accel - state.drive.extension_accel).where_set(started, zero);
+        let moving = any(rate) || any(accel) || any(change);
+        let terms =
+            Terms::<T, N, S, P>::new(&self.arm, &self.payload, modes, extension.length, moving);
+        let mut motion = Motion::<T, N> {
+            q: leading(&state.q),
+            v: leading(&state.v),
+            a: leading(&state.a),
+        };
+        let slew_rate = motion.v[0];
+        let turned = terms.turned(&motion.q);
+        let square = slew_rate * slew_rate;
+        // the parabola through the three torques
+        let point = scheme.balance_point();
+        let weights = [
+            (1.0 - point) * (1.0 - 2.0 * point),
+            4.0 * point * (1.0 - point),
+            point * (2.0 * point - 1.0),
+        ];
+        let [begin, middle, end] = torques;
+        let mean = |begin: T, middle: T, end: T| {
+            begin * weights[0] + middle * weights[1] + end * weights[2]
+        };
+        let slew = mean(
+            begin.slew + begin.root,
+            middle.slew + middle.root,
+            end.slew + end.root,
+        );
+        let tip = mean(begin.tip, middle.tip, end.tip);
+        // the terms with theta'^2 and theta' as at the beginning; what they miss is corrected
+        let stiffness = terms.stiffness(-square, -accel, rate * rate);
+        let balance = Balance {
+            terms: &terms,
+            stiffness: &stiffness,
+            force: terms.force(slew, tip),
+            damping: self.payload.damping,
+            position: T::splat(1.0),
+            rate,
+            accel,
+            slew_rate,
+            turned: &turned,
+        };
+        let last = &state.drive;
+        let new_slew = (begin.slew - last.slew) + (begin.root - last.root);
+        let new_tip = begin.tip - last.tip;
+        let start = T::splat(1.0) - started;
+        let first;
+        let jump = if any(change) || any(start) {
+            // where the flight goes on, the change of the force and of what a'' multiplies; where it
+            // starts, all of the equations
+            let stiffness = terms.stiffness(
+                zero.where_set(started, -square),
+                (-change).where_set(started, -accel),
+                zero.where_set(started, rate * rate),
+            );
+            let changed = Balance {
+                terms: &terms,
+                stiffness: &stiffness,
+                force: terms.force(
+                    new_slew.where_set(started, slew),
+                    new_tip.where_set(started, tip),
+                ),
+                damping: self.payload.damping,
+                position: start,
+                rate: zero.where_set(started, rate),
+                accel: change.where_set(started, accel),
+                slew_rate: zero.where_set(started, slew_rate),
+                turned: &turned,
+            };
+            let mut still = motion.v;
+            for v in &mut still {
+                *v = zero.where_set(started, *v);
+            }
+            first = changed.unbalanced(&motion.q, &still);
+            Jump::Change {
+                change: &first,
+                started,
+            }
+        } else if any(new_slew) || any(new_tip) {
+            first = terms.force(new_slew, new_tip);
+            Jump::Change {
+                change: &first,
+                started,
+            }
+        } else {
+            Jump::None
+        };
+        scheme.step(&mut motion, &balance, jump, h);
+        // plus zero: no zero is negative, whatever a pack left out
+        for i in 0..size {
+            state.q[i] = (motion.q[i] + 0.0).where_set(active, state.q[i]);
+            state.v[i] = (motion.v[i] + 0.0).where_set(active, state.v[i]);
+            state.a[i] = (motion.a[i] + 0.0).where_set(active, state.a[i]);
+        }
+        let drive = &mut state.drive;
+        drive.started = T::splat(1.0).where_set(active, drive.started);
+        drive.slew = end.slew.where_set(active, drive.slew);
+        drive.root = end.root.where_set(active, drive.root);
+        drive.tip = end.tip.where_set(active, drive.tip);
+        drive.extension_accel = accel.where_set(active, drive.extension_accel);
+    }
+}
+
+/// Scheme, torques, extension, length of the step, active lanes.
+type Arguments<'a, T> = (
+    &'a GeneralizedAlpha,
+    &'a [Torques<T>; 3],
+    &'a Extension<T>,
+    T,
+    T,
+);
+
+/// The equations of a step.
+struct Balance<'a, T, const N: usize, const S: usize, const P: usize> {
+    terms: &'a Terms<'a, T, N, S, P>,
+    stiffness: &'a Stiffness<T, P>,
+    force: [T; N],
+    damping: T,
+    /// What the bending of the position counts: 1, or 0 in a change.
+    position: T,
+    /// Of the extension.
+    rate: T,
+    accel: T,
+    slew_rate: T,
+    /// At the beginning.
+    turned: &'a Turned<T, N>,
+}
+
+impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
+    for Balance<'_, T, N, S, P>
+{
+    #[inline(always)]
+    fn size(&self) -> usize {
+        self.terms.size()
+    }
+
+    #[inline(always)]
+    fn effective(&self, mass: T, velocity: T, stiffness: T, out: &mut [[T; N]; N]) {
+        let column = velocity * self.rate * 2.0;
+        let weights = Weights {
+            mass,
+            bending: velocity.mul_add(self.damping, stiffness),
+            drift: stiffness.mul_add(self.accel, column),
+            stiffness,
+            column,
+            growth: velocity * self.rate,
+        };
+        self.terms.sum(&weights, self.stiffness, out);
+        let turned = self.turned;
+        out[0][0] += mass.mul_add(turned.inertia, weights.growth * turned.growth);
+        let turning = velocity * self.slew_rate * 2.0;
+        for (entry, force) in out[0]
+            .iter_mut()
+            .zip(&turned.force)
+            .take(self.size())
+            .skip(1)
+        {
+            *entry = turning.mul_add(*force, *entry);
+        }
+    }
+
+    #[inline(always)]
+    fn unbalanced(&self, q: &[T; N], v: &[T; N]) -> [T; N] {
+        let size = self.size();
+        let twice = self.rate * 2.0;
+        let mut bent = [T::splat(0.0); N];
+        let mut drifting = [T::splat(0.0); N];
+        let mut turning = T::splat(0.0);
+        for i in 1..size {
+            bent[i] = self.damping.mul_add(v[i], q[i] * self.position);
+            drifting[i] = self.accel.mul_add(q[i], twice * v[i]);
+            turning = self.turned.force[i].mul_add(v[i], turning);
+        }
+        let column = twice * v[0];
+        let mut rest = self
+            .terms
+            .product(self.stiffness, &bent, &drifting, q, column);
+        let growth = self.rate * (self.terms.rigid_growth() + self.turned.growth);
+        rest[0] += growth.mul_add(v[0], self.slew_rate * turning * 2.0);
+        for (rest, force) in rest.iter_mut().zip(&self.force).take(size) {
+            *rest = *force - *rest;
+        }
+        rest
+    }
+
+    #[inline(always)]
+    fn beyond(&self, found: &Motion<T, N>) -> Option<[T; N]> {
+        let Motion { q, v, a } = found;
+        let (before, now) = (self.turned, self.terms.turned(q));
+        let faster = v[0] * v[0] - self.slew_rate * self.slew_rate;
+        let mut missed = [T::splat(0.0); N];
+        let (mut of_before, mut of_now) = (T::splat(0.0), T::splat(0.0));
+        for i in 1..self.size() {
+            missed[i] = faster * now.force[i];
+            of_before = before.force[i].mul_add(v[i], of_before);
+            of_now = now.force[i].mul_add(v[i], of_now);
+        }
+        let turning = self.slew_rate * of_before - v[0] * of_now;
+        let growing = self.rate * (before.growth - now.growth);
+        missed[0] = (before.inertia - now.inertia) * a[0] + turning * 2.0 + growing * v[0];
+        Some(missed)
+    }
+}
+
+impl ConsistentPlant {
+    /// Advances `state` by a step of length `h` (s) that begins `from` seconds after the start of
+    /// `piece` and does not leave it, under torques at the beginning, middle and end of the step
+    /// (N m). Torques and extension acceleration may jump between steps: second order is kept.
+    /// The extension must be one that the arm can have.
+    pub fn step(
+        &self,
+        scheme: &GeneralizedAlpha,
+        state: &mut ConsistentState,
+        torques: &[Torques<f64>; 3],
+        piece: &Piece<f64>,
+        from: f64,
+        h: f64,
+    ) {
+        let extension = piece.extension(from + scheme.balance_point() * h);
+        self.step_at(scheme, state, torques, &extension, h);
+    }
+
+    /// [`ConsistentPlant::step`] with the extension at the scheme's balance point.
+    pub(crate) fn step_at(
+        &self,
+        scheme: &GeneralizedAlpha,
+        state: &mut ConsistentState,
+        torques: &[Torques<f64>; 3],
+        extension: &Extension<f64>,
+        h: f64,
+    ) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if Instructions::detect() >= Instructions::Avx2 {
+                // SAFETY: the processor has the features that the function is compiled for
+                return unsafe { self.step_avx2(scheme, state, torques, extension, h) };
+            }
+        }
+        self.lanes.step(scheme, state, torques, extension, h, 1.0);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn step_avx2(
+        &self,
+        scheme: &GeneralizedAlpha,
+        state: &mut ConsistentState,
+        torques: &[Torques<f64>; 3],
+        extension: &Extension<f64>,
+        h: f64,
+    ) {
+        self.lanes.step(scheme, state, torques, extension, h, 1.0);
+    }
+}
+
+#[inline(always)]
+fn leading<T: Lane, const N: usize>(row: &[T; CAPACITY]) -> [T; N] {
+    let mut leading = [T::splat(0.0); N];
+    leading.copy_from_slice(&row[..N]);
+    leading
+}
+
+/// Whether a value is not zero in any lane.
+#[inline(always)]
+fn any<T: Lane>(value: T) -> bool {
+    value.bits() != 0
+}
+
+/// A linear form of coordinates, or of their rates.
+#[inline(always)]
+fn form<T: Lane>(row: &[f64], x: &[T]) -> T {
+    let mut sum = T::splat(0.0);
+    for i in 0..row.len().min(x.len()) {
+        sum = T::splat(row[i]).mul_add(x[i], sum);
+    }
+    sum
+}

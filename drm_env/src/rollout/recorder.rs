@@ -1,0 +1,190 @@
+//! Keeping signals of many manoeuvres while they fly.
+
+use crate::config::scenario::Scenario;
+use crate::error::ConfigError;
+use crate::interruption;
+use crate::memory;
+use crate::simd::mask::everyone;
+use crate::simd::mask::lanes_of;
+use crate::simd::{Laned, Number};
+use crate::simulation::Flight;
+use crate::simulation::hook::StepHook;
+
+use super::trajectory::{Row, SIGNAL_NAMES, apply_torques, last_row, signals_of};
+
+/// Most memory that the trajectories of one rollout may take, bytes.
+pub const MAX_BYTES: u64 = 16 << 30;
+
+/// Numbers that are written between two looks whether the work shall stop.
+const NUMBERS_BETWEEN_POLLS: usize = 1 << 20;
+
+/// Which signals of each manoeuvre are kept, and how often.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Recording {
+    /// Places in [`SIGNAL_NAMES`].
+    columns: Vec<usize>,
+    every: usize,
+}
+
+impl Recording {
+    /// Keeps signals by name every `every` samples of the sample period, the first and the last
+    /// sample included.
+    ///
+    /// # Errors
+    /// A signal that does not exist or is named twice; `every` of 0.
+    pub fn new<S: AsRef<str>>(signals: &[S], every: usize) -> Result<Self, ConfigError> {
+        if every == 0 {
+            return Err(ConfigError::value(
+                "decimation",
+                "must be at least 1",
+                every,
+            ));
+        }
+        let mut columns = Vec::with_capacity(signals.len());
+        for (index, name) in signals.iter().map(AsRef::as_ref).enumerate() {
+            let path = format!("signals[{index}]");
+            let Some(column) = SIGNAL_NAMES.iter().position(|known| *known == name) else {
+                let requirement = format!("must be one of {}", SIGNAL_NAMES.join(", "));
+                return Err(ConfigError::value(path, requirement, name));
+            };
+            if columns.contains(&column) {
+                return Err(ConfigError::value(path, "must be named once", name));
+            }
+            columns.push(column);
+        }
+        Ok(Self { columns, every })
+    }
+
+    /// Rows of a manoeuvre that is not cut short.
+    fn rows(&self, scenario: &Scenario) -> usize {
+        scenario.samples().div_ceil(self.every) + 1
+    }
+}
+
+/// Signals of many manoeuvres.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trajectories {
+    /// Rows kept of the longest manoeuvre.
+    pub samples: usize,
+    /// Names with their values, SI, angles in radians: manoeuvres x `samples`, manoeuvre by
+    /// manoeuvre, NaN after the end of each.
+    pub signals: Vec<(&'static str, Vec<f64>)>,
+}
+
+impl Trajectories {
+    /// Room for the signals of these manoeuvres.
+    ///
+    /// # Errors
+    /// More than [`MAX_BYTES`], or more than the system gives.
+    pub(super) fn new(recording: &Recording, scenarios: &[Scenario]) -> Result<Self, ConfigError> {
+        let rows = scenarios.iter().map(|scenario| recording.rows(scenario));
+        let samples = rows.max().unwrap_or(0);
+        let numbers = scenarios.len() as u128 * samples as u128;
+        let bytes = numbers * recording.columns.len() as u128 * size_of::<f64>() as u128;
+        let (columns, flown) = (recording.columns.len(), scenarios.len());
+        let given = format!("{columns} of {flown} manoeuvres");
+        let less = "fewer of them, fewer scenarios or a larger decimation";
+        memory::check("signals", given, bytes, Some(MAX_BYTES), less)?;
+        let numbers = numbers as usize;
+        let mut signals = Vec::with_capacity(recording.columns.len());
+        for column in &recording.columns {
+            let mut values = Vec::with_capacity(numbers);
+            while values.len() < numbers {
+                interruption::poll();
+                values.resize(numbers.min(values.len() + NUMBERS_BETWEEN_POLLS), f64::NAN);
+            }
+            signals.push((SIGNAL_NAMES[*column], values));
+        }
+        Ok(Self { samples, signals })
+    }
+
+    /// Takes the rows of one manoeuvre.
+    pub(super) fn put(&mut self, index: usize, rows: &[f64]) {
+        let count = self.signals.len();
+        for (column, (_, values)) in self.signals.iter_mut().enumerate() {
+            let kept = rows.iter().skip(column).step_by(count.max(1));
+            for (slot, value) in values[index * self.samples..].iter_mut().zip(kept) {
+                *slot = *value;
+            }
+        }
+    }
+}
+
+/// Keeps the rows of manoeuvres that fly side by side.
+pub(super) struct Recorder<'a> {
+    recording: &'a Recording,
+    /// The rows of each lane, one after the other.
+    kept: Vec<Vec<f64>>,
+    /// Rows whose torques are not known yet, and their lanes, a bit each.
+    open: Vec<Row>,
+    opened: u32,
+    /// Samples in which no lane has a row.
+    quiet: usize,
+}
+
+impl<'a> Recorder<'a> {
+    /// For so many lanes.
+    pub(super) fn new(recording: &'a Recording, lanes: usize) -> Self {
+        Self {
+            recording,
+            kept: vec![Vec::new(); lanes],
+            open: vec![[0.0; SIGNAL_NAMES.len()]; lanes],
+            opened: 0,
+            quiet: 0,
+        }
+    }
+
+    /// Other lanes fly from now on.
+    pub(super) fn look_again(&mut self) {
+        self.quiet = 0;
+    }
+
+    /// The rows of a lane that has ended, which are forgotten; see [`last_row`] for `driven`. A state
+    /// beyond the limits of [`crate::validity`] has no row.
+    pub(super) fn end<T: Number>(
+        &mut self,
+        flight: &Flight<T>,
+        lane: usize,
+        driven: bool,
+    ) -> Vec<f64> {
+        if flight.void() >> lane & 1 == 0 {
+            self.keep(lane, &last_row(flight, lane, driven));
+        }
+        std::mem::take(&mut self.kept[lane])
+    }
+
+    fn keep(&mut self, lane: usize, row: &Row) {
+        let columns = self.recording.columns.iter();
+        self.kept[lane].extend(columns.map(|column| row[*column]));
+    }
+}
+
+impl<T: Number> StepHook<T> for Recorder<'_> {
+    fn before(&mut self, flight: &Flight<T>) {
+        if self.quiet > 0 {
+            self.quiet -= 1;
+            return;
+        }
+        let every = self.recording.every;
+        let mut next = every;
+        for lane in lanes_of(everyone::<T>() & !flight.resting()) {
+            let past = flight.common.sample.lane(lane) as usize % every;
+            if past == 0 {
+                self.open[lane] = signals_of(flight, lane, [0.0; 3]);
+                self.opened |= 1 << lane;
+            }
+            next = next.min(every - past);
+        }
+        self.quiet = next - 1;
+    }
+
+    fn after(&mut self, flight: &Flight<T>) {
+        for lane in lanes_of(std::mem::take(&mut self.opened)) {
+            // the torques of a row are those applied from it on
+            let torques = flight.common.torques.lane_of(lane);
+            let mut row = self.open[lane];
+            apply_torques(&mut row, flight, lane, torques);
+            self.keep(lane, &row);
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! Manoeuvres in flight, one a lane: state, and the sample loop of sensors, wheels and integration
+//! that laws and agents drive.
+
+pub(crate) mod any_plant;
+pub(crate) mod clock;
+pub(crate) mod constants;
+pub(crate) mod controller;
+mod divergence;
+pub(crate) mod hook;
+mod lanes;
+mod manoeuvre;
+pub mod metrics;
+pub(crate) mod plan;
+pub(crate) mod propagate_consistent;
+pub(crate) mod propagate_thesis;
+mod sample;
+mod single;
+mod snapshot;
+pub(crate) mod span;
+pub(crate) mod state;
+
+use std::sync::Arc;
+
+use crate::config::distribution::Setting;
+use crate::config::scenario::Scenario;
+use crate::control::Measurement;
+use crate::hardware::reaction_wheel::WheelTorques;
+use crate::reference::timeline::Timeline;
+use crate::simd::Number;
+use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
+use crate::simulation::clock::Clock;
+use crate::simulation::constants::{Fixed, Shared};
+use crate::simulation::manoeuvre::Manoeuvre;
+use crate::simulation::metrics::Metrics;
+pub use crate::simulation::snapshot::FlightState;
+use crate::simulation::state::Common;
+
+pub use crate::simulation::plan::Plan;
+
+/// Slew rate below which a payload is not identified, rad/s: a tenth of a second at 0.02 rad/s^2.
+const SLOWEST_IDENTIFICATION: f64 = 2e-3;
+
+/// Largest mass error that is taken for one.
+const LARGEST_IDENTIFIED_ERROR: f64 = 0.5;
+
+/// `T::WIDTH` manoeuvres in flight, which share their sample period, steps and equations of motion.
+#[derive(Debug, Clone)]
+pub struct Flight<T: Number = f64> {
+    /// What the scenarios are told by their differences from.
+    base: Arc<Scenario>,
+    manoeuvres: Vec<Manoeuvre>,
+    shared: Shared,
+    fixed: Fixed<T>,
+    body: AnyPlant<T>,
+    clock: Clock<T>,
+    pub(crate) common: Common<T>,
+    motion: Motion<T>,
+    /// Slew angle and rate, link-2 tip deflection and its rate as measured, where that is not what they
+    /// are.
+    measured: Option<Box<[T; 4]>>,
+    /// Squared torque fractions of both wheels over the last sample.
+    effort: T,
+    /// Lanes that stay as they are, a bit each.
+    resting: u32,
+    /// Whether commands and outputs pass as they are in every lane.
+    plain: bool,
+    /// Whether every wheel is ideal.
+    ideal: bool,
+    /// Whether the length is fixed in every lane, in the present piece.
+    still: bool,
+}
+
+impl<T: Number> Flight<T> {
+    /// Scenario of one lane.
+    pub(crate) fn scenario_of(&self, lane: usize) -> Scenario {
+        self.manoeuvres[lane].scenario.scenario(&self.base)
+    }
+
+    /// Timeline of one lane.
+    #[inline(always)]
+    pub(crate) fn timeline_of(&self, lane: usize) -> &Timeline {
+        &self.manoeuvres[lane].timeline
+    }
+
+    /// Piece of the timeline in force in one lane.
+    #[inline(always)]
+    pub(crate) fn piece_of(&self, lane: usize) -> usize {
+        self.manoeuvres[lane].piece as usize
+    }
+
+    /// What is seen of the motion.
+    #[inline(always)]
+    pub(crate) fn outputs(&self) -> Outputs<T> {
+        self.motion.outputs()
+    }
+
+    /// Slew angle (rad) and rate (rad/s), link-2 tip deflection (m) and its rate (m/s) as measured.
+    #[inline(always)]
+    pub fn measured(&self) -> [T; 4] {
+        match &self.measured {
+            Some(measured) => **measured,
+            None => self.outputs().measurable(),
+        }
+    }
+
+    pub(crate) fn fixed(&self) -> &Fixed<T> {
+        &self.fixed
+    }
+
+    pub(crate) fn clock(&self) -> &Clock<T> {
+        &self.clock
+    }
+
+    pub(crate) fn sample_period(&self) -> f64 {
+        self.shared.sample_period
+    }
+
+    /// End of the slew profile, s.
+    pub(crate) fn slew_end_time(&self) -> T {
+        self.fixed.slew_end_time
+    }
+
+    /// Squared torque fractions of both wheels over the last sample.
+    #[inline(always)]
+    pub(crate) fn effort(&self) -> T {
+        self.effort
+    }
+
+    /// Slew angle minus its reference, rad.
+    #[inline(always)]
+    pub(crate) fn slew_error(&self) -> T {
+        self.outputs().slew[0] - self.clock.reference.angle
+    }
+
+    /// Distance of the tip from the shoulder, m.
+    #[inline(always)]
+    pub(crate) fn reach(&self) -> T {
+        self.fixed.link1_length + self.clock.extension.length
+    }
+
+    /// Error of the reported mass, true / reported - 1, as the balance of angular momentum tells it: what
+    /// the motor was told to give for the reported arm and what the wheels have taken up is the true
+    /// arm's inertia times its measured rate. Right up to the vibration, for an open-loop slew; 0 while
+    /// the arm hardly turns and without a reported payload.
+    #[inline(always)]
+    pub(crate) fn identified_mass_error(&self) -> T {
+        let a = self.clock.extension.length;
+        let [_, rate, ..] = self.measured();
+        let reported = self.fixed.inertia.at(a);
+        let payload = self.fixed.payload_inertia.at(a);
+        let wheels = self.common.root.momentum + self.common.tip.momentum;
+        let momentum = reported.mul_add(self.clock.reference.rate, -wheels);
+        let one = T::splat(1.0);
+        let turning = one - rate.abs().below(T::splat(SLOWEST_IDENTIFICATION));
+        let known = one - payload.below(T::splat(1.0));
+        let seen = turning * known;
+        // where nothing is seen the quotient is that of ones
+        let rate = rate * seen + (one - seen);
+        let payload = payload * seen + (one - seen);
+        let limit = T::splat(LARGEST_IDENTIFIED_ERROR);
+        let error = (momentum / rate - reported) / payload * seen;
+        error.limited(-limit, limit)
+    }
+
+    /// What a law is told now.
+    #[inline(always)]
+    pub fn measurement(&self) -> Measurement<T> {
+        let [angle, rate, deflection, deflection_rate] = self.measured();
+        Measurement {
+            slew_error: angle - self.clock.reference.angle,
+            slew_error_rate: rate - self.clock.reference.rate,
+            link2_deflection: deflection,
+            link2_deflection_rate: deflection_rate,
+            extension: self.clock.extension.length,
+        }
+    }
+
+    /// Torques that a law asks for now, N m, before saturation.
+    #[inline(always)]
+    pub fn law_torques(&mut self, law: &crate::control::Law) -> WheelTorques<T> {
+        let measurement = self.measurement();
+        law.torques(
+            &measurement,
+            &self.fixed.known,
+            &mut self.common.memory,
+            self.shared.sample_period,
+        )
+    }
+
+    /// Memory of it, bytes, about: less where lanes have the same.
+    pub(crate) fn bytes(&self) -> usize {
+        let lines = |lane: &Manoeuvre| lane.lines.as_ref().map_or(0, |lines| lines.bytes());
+        let lanes: usize = self.manoeuvres.iter().map(lines).sum();
+        size_of::<Self>()
+            + size_of::<Scenario>()
+            + self.manoeuvres.len() * (size_of::<Manoeuvre>() + size_of::<[Setting; 4]>())
+            + lanes
+            + self.body.bytes()
+    }
+}
+
+impl Flight<f64> {
+    /// [`Flight::metrics`] with NaN for the energy, which costs as much as a control period.
+    pub(crate) fn metrics_under_way(&self, diverged: bool, episode_return: f64) -> Metrics {
+        self.metrics_with(f64::NAN, diverged, episode_return)
+    }
+
+    fn metrics_with(&self, energy: f64, diverged: bool, episode_return: f64) -> Metrics {
+        let found = self.common.metrics.metrics(
+            self.shared.sample_period,
+            self.slew_end(),
+            self.scenario().slew.angle.abs(),
+            energy,
+            diverged,
+            episode_return,
+        );
+        if self.void() == 0 {
+            found
+        } else {
+            found.of_void()
+        }
+    }
+}
