@@ -14,7 +14,9 @@ trap 'rm -rf "$scratch"' EXIT
 "$bin/maturin" generate-stubs --quiet --profile release --interpreter "$bin/python" --out "$scratch"
 stub=$scratch/drm_env/_engine.pyi
 
-cargo run --quiet --release -p drm_env --example schema > "$scratch/schema.json"
+# of the whole workspace, so that the engine is the one that is compiled already
+cargo build --quiet --release --workspace --example schema
+"${CARGO_TARGET_DIR:-target}/release/examples/schema" > "$scratch/schema.json"
 config=$scratch/_config.py
 "$bin/datamodel-codegen" \
   --input "$scratch/schema.json" --input-file-type jsonschema --schema-version 2020-12 \

@@ -24,6 +24,11 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as _gym
 
+from drm_env._engine import load as _load
+
+# here, where a signal that comes between is raised like everywhere else
+_load()
+
 if TYPE_CHECKING:
     from drm_env._common import NO_VALUE, info_metrics
     from drm_env._config import EnvConfig, Scenario, Task

@@ -22,6 +22,7 @@ __all__ = [
     "env_benchmark",
     "instructions",
     "kernel_benchmark",
+    "load",
     "measurement_names",
     "metric_names",
     "observation_layout",
@@ -426,6 +427,12 @@ def kernel_benchmark(lanes: SupportsIndex, steps: SupportsIndex) -> tuple[float,
     Nanoseconds per Runge-Kutta step of 0.5 ms and environment of the thesis plant along the thesis
     manoeuvre on the calling thread, over at least `steps` steps, and the lanes that were side by side:
     1 is the way of a single environment, 0 the widest that the processor has.
+    """
+
+def load() -> None:
+    """
+    Loads what is needed of Python. The package calls it when it is imported: when something is first used,
+    a signal may come between, and there is nobody there to raise what its handler raises.
     """
 
 def measurement_names() -> list[str]:

@@ -13,19 +13,18 @@ mod threads;
 
 use pyo3::prelude::*;
 
+/// Loads what is needed of Python. The package calls it when it is imported: when something is first used,
+/// a signal may come between, and there is nobody there to raise what its handler raises.
+#[pyfunction]
+fn load(py: Python<'_>) -> PyResult<()> {
+    arrays::load(py)?;
+    error::load(py)
+}
+
 /// The engine of drm_env: everything that computes.
 #[pymodule]
 mod _engine {
     use pyo3::prelude::*;
-
-    /// Loads what is needed of Python: when it is first used a signal may come between, and there is nobody
-    /// there to raise what its handler raises.
-    #[pymodule_init]
-    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        let py = module.py();
-        super::arrays::load(py)?;
-        super::error::load(py)
-    }
 
     #[pymodule_export]
     #[allow(non_upper_case_globals)]
@@ -47,6 +46,8 @@ mod _engine {
     };
     #[pymodule_export]
     use super::env::Env;
+    #[pymodule_export]
+    use super::load;
     #[pymodule_export]
     use super::rollout::{Network, rollout};
 }
