@@ -131,6 +131,7 @@ class HorizonSpec(EnvSpec):
         names = [field.name for field in dataclasses.fields(EnvSpec)]
         return all(getattr(self, name) == getattr(other, name) for name in names)
 
+    # compared by value and changeable, so not hashable; typeshed has a method there
     __hash__ = None  # type: ignore[assignment]
 
 

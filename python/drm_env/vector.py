@@ -452,6 +452,7 @@ class DrmVectorEnv(
         return layout_of(self._config_json)
 
     @property
+    # a tuple as SyncVectorEnv's, where the base class says int
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each sub-environment's stream of episodes, as of ``SyncVectorEnv``.
 
