@@ -24,8 +24,6 @@ fn load(py: Python<'_>) -> PyResult<()> {
 /// The engine of drm_env: everything that computes.
 #[pymodule]
 mod _engine {
-    use pyo3::prelude::*;
-
     #[pymodule_export]
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
