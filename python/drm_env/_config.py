@@ -320,7 +320,7 @@ class Deployment:
     mode: DeploymentMode = "coincident"
     """How the length changes."""
     force: float = 200.0
-    """Deployment force of the force-limited mode, N."""
+    """Force of the force-limited mode, N: mass times acceleration, without the centrifugal pull."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -341,7 +341,7 @@ class Dynamics:
     """Switches and additions of the equations of motion."""
 
     axial_load: bool = True
-    """Stiffening by the axial load (thesis section 2.4)."""
+    """Stiffening by the axial load (thesis section 2.2.2)."""
     particle_following: bool = False
     """
     Follow the moving particles of link 2 in the thesis plant, with the full Coriolis load of the
@@ -461,7 +461,7 @@ class Randomize:
 
 @dataclass(frozen=True, kw_only=True)
 class LinearLaw:
-    """Rate and position feedback (thesis section 3.7.1)."""
+    """Rate and position feedback (thesis section 3.4)."""
 
     name: Literal["linear"] = "linear"
     root: LinearRoot | None = LinearRoot()
@@ -472,7 +472,7 @@ class LinearLaw:
 
 @dataclass(frozen=True, kw_only=True)
 class LyapunovLaw:
-    """Feedback from a Lyapunov function (thesis section 3.7.2)."""
+    """Feedback from a Lyapunov function (thesis section 3.5)."""
 
     name: Literal["lyapunov"] = "lyapunov"
     root: LyapunovRoot | None = LyapunovRoot()

@@ -106,7 +106,7 @@ impl Default for Scenario {
             plant: PlantModel::default(),
             modes: [4, 4],
             dynamics: Dynamics::default(),
-            // thesis section 4.1: Runge-Kutta at 0.5 ms, control at 2 ms
+            // thesis section 3.5.4: Runge-Kutta at 0.5 ms, control at 2 ms
             integrator_step: 5e-4,
             sample_period: 2e-3,
             horizon: 20.0,

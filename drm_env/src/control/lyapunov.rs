@@ -1,4 +1,4 @@
-//! The Lyapunov-based law (thesis sections 3.7.2 and 4.6.2):
+//! The Lyapunov-based law (thesis sections 3.5 and 4.6.2):
 //! T1 = -J1 e' - J2 e - J3 (Jtt e'' + Jtb beta''), T2 = -Jtb beta'. Accelerations are backward
 //! differences of the sampled rates, zero at the first sample.
 

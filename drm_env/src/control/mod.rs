@@ -32,10 +32,10 @@ pub enum Law {
     /// No feedback.
     #[schemars(title = "OpenLoop")]
     None(OpenLoop),
-    /// Rate and position feedback (thesis section 3.7.1).
+    /// Rate and position feedback (thesis section 3.4).
     #[schemars(title = "LinearLaw")]
     Linear(LinearLaw),
-    /// Feedback from a Lyapunov function (thesis section 3.7.2).
+    /// Feedback from a Lyapunov function (thesis section 3.5).
     #[schemars(title = "LyapunovLaw")]
     Lyapunov(LyapunovLaw),
     /// Output feedback with gains scheduled over extension and reported mass. Without gains it is

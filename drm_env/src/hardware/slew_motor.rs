@@ -1,4 +1,4 @@
-//! The slew motor's current, electrical power and energy (thesis section 3.5).
+//! The slew motor's current, electrical power and energy (thesis section 4.3).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ pub enum MotorConstants {
     /// Inertia and drag fitted to the published energies 185.5 J and 85.9 J.
     #[default]
     Fitted,
-    /// As printed: inertia 2.67e-4 kg m^2, drag 2 % of kb kt / Ra. Gives 139.5 J and 67.6 J.
+    /// As printed: inertia 2.67e-4 kg m^2, drag 2 % of kb kt / Ra. Gives 139.4 J and 67.6 J.
     Printed,
 }
 

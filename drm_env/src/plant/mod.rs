@@ -41,7 +41,7 @@ pub enum TipTorque {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Dynamics {
-    /// Stiffening by the axial load (thesis section 2.4).
+    /// Stiffening by the axial load (thesis section 2.2.2).
     pub axial_load: bool,
     /// Follow the moving particles of link 2 in the thesis plant, with the full Coriolis load of the
     /// payload (not in the thesis); the consistent plant always does.

@@ -1,5 +1,5 @@
-//! The prescribed deployment of link 2 (thesis section 3.3): bang-bang acceleration, either as long
-//! as the slew or with a limited force.
+//! The prescribed deployment of link 2 (thesis section 2.2.2): bang-bang acceleration, either as
+//! long as the slew or with a limited force.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,7 @@ pub struct Deployment {
     pub end: f64,
     /// How the length changes.
     pub mode: DeploymentMode,
-    /// Deployment force of the force-limited mode, N.
+    /// Force of the force-limited mode, N: mass times acceleration, without the centrifugal pull.
     pub force: f64,
 }
 

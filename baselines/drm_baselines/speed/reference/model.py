@@ -1,7 +1,7 @@
 """The thesis plant under the Lyapunov law, in formulas that serve floats and arrays alike.
 
 NumPy applies them to arrays over episodes, numba compiles them for one episode. They follow the
-thesis' equations (appendix C, section 2.4 and 4.6.2), not the engine's arrangement of them. All
+thesis' equations (appendix C, sections 2.2.2 and 4.6.2), not the engine's arrangement of them. All
 values are SI. The manoeuvre is the thesis' standard one: 50 deg in minimum time, 1 m to 8 m.
 """
 
