@@ -17,9 +17,9 @@ def reproduce(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            help="Name of a table, figure, erratum or study, such as table-2-9, figure-4.63, "
-            "erratum-tip-law or consistent-laws; its rows are printed. May be repeated; everything "
-            "by default.",
+            help="Name of a table, figure, claim, erratum or study, such as table-2-9, "
+            "figure-4.63, erratum-tip-law or consistent-laws; its rows are printed. May be "
+            "repeated; everything by default.",
             show_default=False,
         ),
     ] = None,
@@ -38,7 +38,7 @@ def reproduce(
         typer.Option("--force", help="Write into a directory that holds something else."),
     ] = False,
 ) -> None:
-    """Compute the thesis' tables, figures and errata again and judge each number.
+    """Compute the thesis' tables, figures, claims and errata again and judge each number.
 
     A number is reproduced, inferred (reproduced after a choice that the thesis does not state) or
     not reproduced, with the reason. The studies named consistent-* fly the plant that follows the

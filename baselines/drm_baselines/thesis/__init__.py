@@ -1,4 +1,4 @@
-"""What the thesis publishes, computed again: tables, figures and errata.
+"""What the thesis publishes, computed again: tables, figures, claims and errata.
 
 ``published.json`` holds what the thesis states, `entries` what is computed for it, and `reproduce`
 writes pictures, a table of verdicts and one page. The mechanics come from ``drm_env``; only test

@@ -1,4 +1,4 @@
-"""Every table, figure, erratum and study by its name."""
+"""Every table, figure, claim, erratum and study by its name."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import functools
 from collections.abc import Sequence
 
 from drm_baselines.errors import BaselineError
+from drm_baselines.thesis.claims import claim_entries
 from drm_baselines.thesis.consistent import consistent_entries
 from drm_baselines.thesis.errata import erratum_entries
 from drm_baselines.thesis.figures_flights import flight_entries
@@ -26,9 +27,14 @@ def _order(entry: Entry) -> tuple[int, str, int]:
 
 @functools.cache
 def entries() -> dict[str, Entry]:
-    """Return all entries by name: tables, figures, errata, studies of the consistent plant."""
+    """Return all entries by name: tables, figures, claims, errata, the consistent plant."""
     numbered = [*table_entries(), *modal_entries(), *profile_entries(), *flight_entries()]
-    ordered = [*sorted(numbered, key=_order), *erratum_entries(), *consistent_entries()]
+    ordered = [
+        *sorted(numbered, key=_order),
+        *claim_entries(),
+        *erratum_entries(),
+        *consistent_entries(),
+    ]
     return {entry.name: entry for entry in ordered}
 
 
@@ -48,6 +54,6 @@ def select(names: Sequence[str] | None) -> list[Entry]:
             close = difflib.get_close_matches(name, known, n=5, cutoff=0.5)
             hint = f"; close: {', '.join(close)}" if close else ""
             raise BaselineError(
-                f"no table, figure, erratum or study {name!r}{hint} (--list shows all)"
+                f"no table, figure, claim, erratum or study {name!r}{hint} (--list shows all)"
             )
     return [entry for entry in known.values() if entry.name in set(names)]

@@ -19,7 +19,9 @@ from drm_baselines.thesis.beams import roots
 _Array = NDArray[np.float64]
 
 
-def conditions(k: _Array, name: str, a: float, *, as_published: bool) -> _Array:
+def conditions(
+    k: _Array, name: str, a: float, *, as_published: bool, mass_factor: float = 1.0
+) -> _Array:
     """Return the boundary conditions as matrices on (C0, ..., C4), shape (len(k), 5, 5).
 
     Parameters
@@ -33,10 +35,12 @@ def conditions(k: _Array, name: str, a: float, *, as_published: bool) -> _Array:
     as_published
         Leave out the two terms of the payload's slope that the thesis leaves out: without them
         the payload's centre of mass does not follow the rotation of the tip.
+    mass_factor
+        By which the payload's mass and inertia are multiplied.
     """
     load = payload(name)
-    Mp, Lp = load["mass"], load["length"]
-    J = inertia_about_tip(name)
+    Mp, Lp = mass_factor * load["mass"], load["length"]
+    J = mass_factor * inertia_about_tip(name)
     L1, rho2 = LINK1.length, LINK2.mass_per_length
     c, R = L1 + a - LINK2.length, L1 + a
     s, co, sh, ch = np.sin(k * a), np.cos(k * a), np.sinh(k * a), np.cosh(k * a)
@@ -72,15 +76,20 @@ def conditions(k: _Array, name: str, a: float, *, as_published: bool) -> _Array:
     return np.stack(rows, axis=-2)
 
 
-def function(k: _Array, name: str, a: float, *, as_published: bool = True) -> _Array:
-    """Return the characteristic function f(k), shape of ``k``."""
-    return np.asarray(np.linalg.det(conditions(k, name, a, as_published=as_published)))
+def function(
+    k: _Array, name: str, a: float, *, as_published: bool = True, mass_factor: float = 1.0
+) -> _Array:
+    """Return the characteristic function f(k), shape of ``k``; arguments as for `conditions`."""
+    matrices = conditions(k, name, a, as_published=as_published, mass_factor=mass_factor)
+    return np.asarray(np.linalg.det(matrices))
 
 
-def wave_numbers(name: str, a: float, count: int, *, as_published: bool = True) -> _Array:
+def wave_numbers(
+    name: str, a: float, count: int, *, as_published: bool = True, mass_factor: float = 1.0
+) -> _Array:
     """Return the first ``count`` zeros of f above zero, 1/m."""
     found = roots(
-        lambda k: function(k, name, a, as_published=as_published),
+        lambda k: function(k, name, a, as_published=as_published, mass_factor=mass_factor),
         0.05 / a,
         math.pi * (count + 1.5) / a,
         count,
@@ -89,9 +98,11 @@ def wave_numbers(name: str, a: float, count: int, *, as_published: bool = True) 
     return np.asarray(found)
 
 
-def frequencies(name: str, a: float, count: int, *, as_published: bool = True) -> _Array:
-    """Return the first natural frequencies, Hz."""
-    k = wave_numbers(name, a, count, as_published=as_published)
+def frequencies(
+    name: str, a: float, count: int, *, as_published: bool = True, mass_factor: float = 1.0
+) -> _Array:
+    """Return the first natural frequencies, Hz; arguments as for `conditions`."""
+    k = wave_numbers(name, a, count, as_published=as_published, mass_factor=mass_factor)
     speed = math.sqrt(LINK2.bending_stiffness / LINK2.mass_per_length)
     return np.asarray(k**2 * speed / (2.0 * math.pi))
 

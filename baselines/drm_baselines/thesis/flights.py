@@ -85,7 +85,8 @@ FLIGHTS: dict[str, Shown] = {
         "4.2.1",
         _STANDARD,
         ("slew", "force"),
-        _LOST,
+        f"{_LOST} The force is mass times acceleration, without the centrifugal pull "
+        "(claim-deployment-force).",
     ),
     "4.12": Shown("Deploying, no payload", "4.2.1", _payload(_STANDARD, "PNone"), _VIBRATION),
     "4.13": Shown("Deploying, Payload 0", "4.2.1", _payload(_STANDARD, "P0"), _VIBRATION, _LOST),

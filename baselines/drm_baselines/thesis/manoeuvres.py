@@ -78,6 +78,8 @@ class Manoeuvre:
         Switches of the plant and the motor.
     unbounded
         Wheels without torque limits.
+    root_momentum_limit
+        Largest momentum that the root wheel stores, N m s; None stores any amount.
     sample_period
         Between two samples of law and flight, s.
     integrator_step, horizon
@@ -103,6 +105,7 @@ class Manoeuvre:
     particle_following: bool = False
     motor: str = "fitted"
     unbounded: bool = False
+    root_momentum_limit: float | None = None
     sample_period: float = 2e-3
     integrator_step: float = 5e-4
     horizon: float = 20.0
@@ -120,6 +123,11 @@ class Manoeuvre:
         if self.unbounded:
             limit = {"torque_limit": _UNBOUNDED}
             wheels = {"root_wheel": limit, "tip_wheel": limit}
+        if self.root_momentum_limit is not None:
+            wheels["root_wheel"] = {
+                **wheels.get("root_wheel", {}),
+                "momentum_limit": self.root_momentum_limit,
+            }
         return {
             "payload": load,
             "mass_error": self.mass_error,

@@ -122,12 +122,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Entry:
-    """A table, figure, erratum or study under the name by which it is asked for.
+    """A table, figure, claim, erratum or study under the name by which it is asked for.
 
     Attributes
     ----------
     name
-        Such as ``table-2-9``, ``figure-4.63``, ``erratum-tip-law`` or ``consistent-laws``.
+        Such as ``table-2-9``, ``figure-4.63``, ``claim-one-function``, ``erratum-tip-law`` or
+        ``consistent-laws``.
     title
         One line.
     section
@@ -143,5 +144,5 @@ class Entry:
 
     @property
     def kind(self) -> str:
-        """``table``, ``figure``, ``erratum`` or ``consistent``."""
+        """``table``, ``figure``, ``claim``, ``erratum`` or ``consistent``."""
         return self.name.partition("-")[0]

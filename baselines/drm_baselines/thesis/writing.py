@@ -104,7 +104,7 @@ def counts(results: Results) -> Counter[Verdict]:
     Errata show the wrong beside the right, and studies are not of the thesis; they count only
     where there is nothing else.
     """
-    published = ("table", "figure")
+    published = ("table", "figure", "claim")
     chosen = [item for item in results if item[0].kind in published] or list(results)
     return Counter(row.verdict for _, outcome in chosen for row in outcome.rows)
 
@@ -152,6 +152,7 @@ def page_text(results: Results, pictures: dict[str, bytes]) -> str:
     kinds = (
         ("table", "Tables"),
         ("figure", "Figures"),
+        ("claim", "Claims of the text"),
         ("erratum", "Errata"),
         ("consistent", "The consistent plant"),
     )
