@@ -220,8 +220,9 @@ fn without_turning_the_matrices_are_those_of_the_thesis_plant() {
     }
 }
 
-/// Twice the energy of turning (rad/s, squared) and of the axial force at the deflection of one link's
-/// shape `i` plus the other's shape `j`, by integrals within integrals.
+/// Twice the energy of turning (rad/s, squared) and of an axial acceleration at the deflection of one
+/// link's shape `i` plus the other's shape `j`, from the places of the particles: one at xi on the
+/// straight arm is at (xi + u, w) on the bent one, which keeps its length: u = -1/2 int_0^xi w_x^2.
 fn axial_energy(row: usize, a: f64, [i, j]: [usize; 2], turning2: f64, accel: f64) -> f64 {
     let (arm, payload) = (Arm::default(), payload(row));
     let (one, two) = (&arm.link1, &arm.link2);
@@ -240,27 +241,28 @@ fn axial_energy(row: usize, a: f64, [i, j]: [usize; 2], turning2: f64, accel: f6
             end[1] / l1 + own[1] / a,
         ]
     };
-    let acceleration = |xi: f64| xi * turning2 - accel;
-    let centre = reach + payload.length / 2.0;
+    let nearer = |xi: f64| {
+        let over = |low: f64, high: f64| integrate(&rule, low, high, |x| bent(x)[1].powi(2));
+        -0.5 * (over(0.0, xi.min(l1)) + over(l1, xi.max(l1)))
+    };
+    // of a mass at x + u and y, what is of second order in the deflections
+    let particle =
+        |x: f64, u: f64, y: f64, accel: f64| turning2 * (y * y + 2.0 * x * u) - 2.0 * accel * u;
+    // the particles of link 1 do not move along it
     let link1 = integrate(&rule, 0.0, l1, |xi| {
-        let [w, slope] = bent(xi);
-        let force = integrate(&rule, xi, l1, |eta| eta * turning2);
-        one.mass_per_length * (turning2 * w * w - force * slope * slope)
+        particle(xi, nearer(xi), bent(xi)[0], 0.0)
     });
     let link2 = |low: f64, high: f64| {
         integrate(&rule, low, high, |xi| {
-            let [w, slope] = bent(xi);
-            let own = two.mass_per_length * integrate(&rule, xi, reach, acceleration);
-            let force = own + payload.mass * acceleration(centre);
-            two.mass_per_length * turning2 * w * w - force * slope * slope
+            particle(xi, nearer(xi), bent(xi)[0], accel)
         })
     };
     let [w, slope] = bent(reach);
-    let offset = w + payload.length / 2.0 * slope;
-    link1
-        + link2(reach - two.length, l1)
-        + link2(l1, reach)
-        + payload.mass * turning2 * offset * offset
+    let lever = payload.length / 2.0;
+    let centre = nearer(reach) - lever * slope * slope / 2.0;
+    one.mass_per_length * link1
+        + two.mass_per_length * (link2(reach - two.length, l1) + link2(l1, reach))
+        + payload.mass * particle(reach + lever, centre, w + lever * slope, accel)
 }
 
 /// The terms with theta'^2 and the axial ones with a'' are those of the energies.

@@ -43,10 +43,10 @@ pub(super) struct Slots {
     pub bending: usize,
     /// Z: int rho W^T W less the centrifugal part of the axial load.
     pub turning: usize,
-    /// int w_x^2 over link 2.
-    pub shortening: usize,
     /// Row of the slew angle in the mass matrix.
     pub lead: usize,
+    /// int w_x^2 over link 2.
+    pub shortening: usize,
     /// The axial load's P0.
     pub thrust: usize,
     /// Half of G - G^T.
@@ -68,16 +68,17 @@ impl Slots {
     #[inline(always)]
     pub const fn new(modes: usize) -> Self {
         let square = modes * (modes + 1) / 2;
-        let moving = (4 * square + modes).next_multiple_of(GROUP);
-        let skew = moving + square;
+        let moving = (3 * square + modes).next_multiple_of(GROUP);
+        let thrust = moving + square;
+        let skew = thrust + square;
         let root = skew + modes * (modes - 1) / 2;
         Self {
             mass: 0,
             bending: square,
             turning: 2 * square,
-            shortening: 3 * square,
-            lead: 4 * square,
-            thrust: moving,
+            lead: 3 * square,
+            shortening: moving,
+            thrust,
             skew,
             root,
             root_slope: root + modes,
@@ -126,6 +127,8 @@ pub struct ConsistentArm {
     pub(super) pull: [f64; PACKED],
     pub(super) pull_moment: [f64; PACKED],
     pub(super) slope: [f64; PACKED],
+    /// int w_x^2 over link 1, packed.
+    pub(super) slope1: [f64; PACKED],
     /// Coordinates of both links' cantilever deflection under a force at the end, 2 at the end.
     pub(super) cantilever: Row,
 }
@@ -260,6 +263,7 @@ impl ConsistentArm {
             pull: [0.0; PACKED],
             pull_moment: [0.0; PACKED],
             slope: [0.0; PACKED],
+            slope1: [0.0; PACKED],
             cantilever: [0.0; CAPACITY],
             field,
         };
@@ -282,6 +286,16 @@ impl ConsistentArm {
                     made.pull[at] += load * dm * rest * p[1] * r[1];
                     made.pull_moment[at] += load * dm * u * rest * p[1] * r[1];
                     made.slope[at] += load * du * p[1] * r[1];
+                }
+            }
+        }
+        let length = arm.link1.length;
+        for (node, weight) in gauss_legendre(made.field.link1.quadrature_points() + 3) {
+            let (u, du) = ((1.0 + node) / 2.0, weight / 2.0);
+            let shapes = made.field.link1.at(u);
+            for (j, p) in shapes.iter().enumerate() {
+                for (k, r) in shapes.iter().enumerate().take(j + 1) {
+                    made.slope1[packed(j, k)] += du / length * p[1] * r[1];
                 }
             }
         }
@@ -332,15 +346,21 @@ fn tabulate(field: &Field, load: f64) -> Table {
         sums.iter().map(f).collect()
     };
     type Part<'a> = &'a dyn Fn(&Integrals) -> DMatrix<f64>;
-    let symmetric: [(usize, Part); 5] = [
-        (slots.mass, &|s| s.mass.clone()),
-        (slots.bending, &|s| s.bending.clone()),
-        (slots.turning, &|s| &s.offset - &s.centrifugal * load),
-        (slots.shortening, &|s| s.shortening.clone()),
-        (slots.thrust, &|s| &s.thrust * load),
+    // Z is what two larger matrices leave of each other
+    let both: Part = &|s| &s.offset + &s.centrifugal * load;
+    let symmetric: [(usize, Part, Option<Part>); 5] = [
+        (slots.mass, &|s| s.mass.clone(), None),
+        (slots.bending, &|s| s.bending.clone(), None),
+        (
+            slots.turning,
+            &|s| &s.offset - &s.centrifugal * load,
+            Some(both),
+        ),
+        (slots.shortening, &|s| s.shortening.clone(), None),
+        (slots.thrust, &|s| &s.thrust * load, None),
     ];
-    for (slot, f) in symmetric {
-        let (values, scale) = (matrix(f), scales(f));
+    for (slot, f, size) in symmetric {
+        let (values, scale) = (matrix(f), scales(size.unwrap_or(f)));
         for i in 0..n {
             for k in 0..=i {
                 functions[slot + packed(i, k)] = Sampled {

@@ -234,7 +234,8 @@ impl Integrals {
         let (one, two) = (&field.arm.link1, &field.arm.link2);
         let reach = one.length + a;
         let centre = reach + payload.length / 2.0;
-        // axial force that link 2 carries at xi: its own particles beyond xi and the payload
+        // axial force of the particles of link 2 beyond xi and of the payload
+        let start = reach - two.length;
         let pull = |xi: f64| {
             let mass = two.mass_per_length;
             [
@@ -289,7 +290,14 @@ impl Integrals {
             add(&mut sums.thrust, pushing * dx, &place.slope, &place.slope);
             add(&mut sums.shortening, dx, &place.slope, &place.slope);
         };
-        over(reach - two.length, one.length, &mut |sums, xi, dx| {
+        // link 1 holds link 2 at its root and carries its force from there to the shoulder
+        over(0.0, start, &mut |sums, xi, dx| {
+            let slope = field.inside(xi).slope;
+            let [turning, pushing] = pull(start);
+            add(&mut sums.centrifugal, turning * dx, &slope, &slope);
+            add(&mut sums.thrust, pushing * dx, &slope, &slope);
+        });
+        over(start, one.length, &mut |sums, xi, dx| {
             link2(sums, xi, dx, &field.inside(xi));
         });
         over(0.0, a, &mut |sums, x, dx| {
@@ -306,6 +314,10 @@ impl Integrals {
             &at_centre(&tip.deflection, &tip.slope),
             &at_centre(&tip.drift, &tip.slope_drift),
         );
+        // the payload's centre draws near as the payload turns with the tip
+        let near = payload.mass * lever;
+        add(&mut sums.centrifugal, near * centre, &tip.slope, &tip.slope);
+        add(&mut sums.thrust, near, &tip.slope, &tip.slope);
         let mut turn = tip.slope;
         turn[0] = 1.0;
         let inertia = payload.inertia_centre;

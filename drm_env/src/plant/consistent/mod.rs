@@ -10,28 +10,46 @@
 //! ```
 //!
 //! with y1 and y2 sums of n and m assumed shapes, so that q = (theta, n coordinates of link 1, m of
-//! link 2). A particle has the transverse velocity B q' + a' D q and the axial velocity a' - theta' W q
-//! (in link 1 without a'), where w = W q, B = W with xi as the entry of theta, and D is the change of
-//! w per unit of extension, following the particle. The payload is a rigid body centred Lp / 2 beyond
-//! the tip. With
+//! link 2). A particle has the transverse velocity B q' + a' D q, where w = W q, B = W with xi as the entry
+//! of theta, and D is the change of w per unit of extension, following the particle. The arm keeps its
+//! length: bent, it draws its particles near by u = -1/2 int_0^xi w_x^2. The payload is a rigid body centred
+//! Lp / 2 beyond the tip, which draws near by Lp / 4 w_x^2 more as it turns with the tip. With
 //!
 //! ```text
 //! M = int rho B^T B    G = int rho B^T D    H = int rho D^T D    N = int rho W^T W    (payload included)
 //! w1 = int rho W       d1 = int rho D       over link 2 and the payload alone
-//! Kb bending,   int P w_x^2 = q^T (theta'^2 P2 - a'' P0) q,   P the axial force,   Z = N - P2
+//! Kb bending,   -2 int rho (xi omega^2 - a'') u = q^T (omega^2 P2 - a'' P0) q,   Z = N - P2
 //! ```
+//!
+//! (a'' for what moves out), the arm's inertia is that of the straight one and q^T Z q, which the bending
+//! has added and the drawing near has taken. What turns it is the rate of the whole arm,
+//!
+//! ```text
+//! omega = g q',   g = (first row of M) / (its first entry J)
+//! ```
+//!
+//! its angular momentum over its inertia, and not the rate theta' of the tangent at the shoulder. The two
+//! are one for a rigid arm; but the tangent has next to no inertia of its own (1.6 kg m^2 with four modes a
+//! link, of 2.7e5), swings with every mode, and particles far away know nothing of it: their distance from
+//! the tangent changes by as much the other way. Z holds nothing of such a turn (Z q = 0 for w = xi),
+//! so that it has to be taken out of the rate as well. With theta' in the place of omega a heavy payload takes more from the tangent's
+//! inertia than there is, and M + z e e^T, e the slew angle's unit, is not positive definite: the flight
+//! explodes. M + z g^T g is positive definite if and only if J + z > 0, z = q^T Z q: if the bent arm has an inertia.
 //!
 //! Lagrange's equations are, with ' the rate following the particles,
 //!
 //! ```text
 //! M q'' + [M' + a' (G - G^T) + damping Kb] q' + [Kb + a'' (G - P0) + a'^2 (dG/da - H)] q = Q
-//!   theta:    - a' w1 q' - (a'' w1 + a'^2 d1) q + d/dt (theta' q^T Z q)
-//!   elastic:  + a' w1^T theta' - theta'^2 Z q           (all on the left-hand side)
+//!   theta:    - a' w1 q' - (a'' w1 + a'^2 d1) q
+//!   elastic:  + a' w1^T theta' - omega^2 Z q
+//!   all:      + d/dt (omega z g^T)                      (all on the left-hand side)
 //! ```
 //!
-//! The axial force of link 2 and payload, P(xi) = int_xi^R rho2 (eta theta'^2 - a'') d eta +
-//! Mp ((R + Lp/2) theta'^2 - a''), runs through link 2 from its root c on; link 1 carries its own,
-//! int_xi^L1 rho1 eta theta'^2 d eta. Without the axial load P0 and P2 are zero.
+//! By parts -2 int rho xi u = int P w_x^2 with P(xi) the force that pulls at xi: that of link 2 beyond xi and
+//! of the payload, from the root c of link 2 back to the shoulder carried by link 1, and link 1's own.
+//! Left out are the axial velocities of drawing near, so that a bent arm does not push and pull its payload
+//! at the rate of the vibration: of second order in the deflection, and of account for payloads of tonnes.
+//! Without the axial load nothing draws near: P0 and P2 are zero, and what turns is theta'.
 //! Damping acts on the rates of the coordinates.
 //!
 //! What depends on the arm alone is made once and shared by all flights of that arm: integrals between
@@ -266,12 +284,13 @@ impl ConsistentPlant {
     }
 
     /// Energy of a state, J: at a fixed length the Jacobi integral, which without torques is
-    /// conserved. The centrifugal part of the axial load counts as negative kinetic energy; the
+    /// conserved. What the drawing near takes from the inertia counts as negative kinetic energy; the
     /// constant part of the axial velocity's square is left out.
     pub fn energy(&self, state: &ConsistentState, extension: &Extension<f64>) -> Energy {
         let sums = self.sums(extension.length);
         let (q, v) = self.columns(state);
         let (rate, ad) = (v[0], extension.rate);
+        let whole = self.whole_rate(state, extension.length);
         let form = |m: &DMatrix<f64>, x: &DVector<f64>, y: &DVector<f64>| x.dot(&(m * y));
         let load = if self.dynamics.axial_load { 1.0 } else { 0.0 };
         let line = self.value(&sums.offset_line, &state.q);
@@ -281,8 +300,8 @@ impl ConsistentPlant {
                 + 0.5 * ad * ad * form(&sums.drift_square, &q, &q)
                 - ad * rate * line
                 + 0.5
-                    * rate
-                    * rate
+                    * whole
+                    * whole
                     * (form(&sums.offset, &q, &q) - load * form(&sums.centrifugal, &q, &q)),
             potential: 0.5 * form(&sums.bending, &q, &q)
                 - 0.5 * load * extension.accel * form(&sums.thrust, &q, &q),
@@ -298,7 +317,18 @@ impl ConsistentPlant {
         sums.mass.row(0).transpose().dot(&v)
             + extension.rate
                 * (sums.drift.row(0).transpose().dot(&q) - self.value(&sums.offset_line, &state.q))
-            + v[0] * q.dot(&(turning * &q))
+            + self.whole_rate(state, extension.length) * q.dot(&(turning * &q))
+    }
+
+    /// Rate at which the arm turns as a whole, rad/s: with the axial load the angular momentum of the
+    /// undeflected arm over its moment of inertia, without it the slew rate.
+    pub fn whole_rate(&self, state: &ConsistentState, length: f64) -> f64 {
+        if !self.dynamics.axial_load {
+            return state.v[0];
+        }
+        let mass = self.sums(length).mass;
+        let (_, v) = self.columns(state);
+        mass.row(0).transpose().dot(&v) / mass[(0, 0)]
     }
 
     /// Angular frequencies (rad/s, rising) of the free arm at rest at the extension `a` (m); the

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::ConsistentPlant;
 use super::arm_tables::{ConsistentArm, PACKED, Slots};
 use super::displacement::CAPACITY;
-use super::terms::{Payload, Stiffness, Terms, Turned, Weights};
+use super::terms::{Payload, Spin, Stiffness, Terms, Turned, Weights};
 use crate::math::generalized_alpha::{Equations, GeneralizedAlpha, Jump, Motion};
 use crate::plant::Torques;
 use crate::reference::Extension;
@@ -274,9 +274,10 @@ impl<T: Lane> ConsistentLanes<T> {
             v: leading(&state.v),
             a: leading(&state.a),
         };
-        let slew_rate = motion.v[0];
+        let spin = terms.spin();
+        let [turning_rate, _] = spin.of(&motion.v);
         let turned = terms.turned(&motion.q);
-        let square = slew_rate * slew_rate;
+        let square = turning_rate * turning_rate;
         // the parabola through the three torques
         let point = scheme.balance_point();
         let weights = [
@@ -294,7 +295,7 @@ impl<T: Lane> ConsistentLanes<T> {
             end.slew + end.root,
         );
         let tip = mean(begin.tip, middle.tip, end.tip);
-        // the terms with theta'^2 and theta' as at the beginning; what they miss is corrected
+        // the terms with the whole arm's rate as at the beginning; what they miss is corrected
         let stiffness = terms.stiffness(-square, -accel, rate * rate);
         let balance = Balance {
             terms: &terms,
@@ -304,7 +305,8 @@ impl<T: Lane> ConsistentLanes<T> {
             position: T::splat(1.0),
             rate,
             accel,
-            slew_rate,
+            turning_rate,
+            spin: &spin,
             turned: &turned,
         };
         let last = &state.drive;
@@ -331,7 +333,8 @@ impl<T: Lane> ConsistentLanes<T> {
                 position: start,
                 rate: zero.where_set(started, rate),
                 accel: change.where_set(started, accel),
-                slew_rate: zero.where_set(started, slew_rate),
+                turning_rate: zero.where_set(started, turning_rate),
+                spin: &spin,
                 turned: &turned,
             };
             let mut still = motion.v;
@@ -388,7 +391,9 @@ struct Balance<'a, T, const N: usize, const S: usize, const P: usize> {
     /// Of the extension.
     rate: T,
     accel: T,
-    slew_rate: T,
+    /// Of the whole arm, at the beginning.
+    turning_rate: T,
+    spin: &'a Spin<T, N>,
     /// At the beginning.
     turned: &'a Turned<T, N>,
 }
@@ -413,16 +418,28 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
             growth: velocity * self.rate,
         };
         self.terms.sum(&weights, self.stiffness, out);
-        let turned = self.turned;
-        out[0][0] += mass.mul_add(turned.inertia, weights.growth * turned.growth);
-        let turning = velocity * self.slew_rate * 2.0;
-        for (entry, force) in out[0]
-            .iter_mut()
-            .zip(&turned.force)
-            .take(self.size())
-            .skip(1)
-        {
-            *entry = turning.mul_add(*force, *entry);
+        // z g^T g q'' + 2 omega g^T (Z q)^T q' + a' [dz/da g^T g + z (g^T dg/da + dg/da^T g)] q'
+        let (turned, spin, size) = (self.turned, self.spin, self.size());
+        let of_spin = mass.mul_add(turned.inertia, weights.growth * turned.growth);
+        let of_force = velocity * self.turning_rate * 2.0;
+        let of_growth = weights.growth * turned.inertia;
+        let mut row = [T::splat(0.0); N];
+        for j in 0..size {
+            let grown = of_growth.mul_add(spin.growth[j], of_spin * spin.row[j]);
+            row[j] = of_force.mul_add(turned.force[j], grown);
+        }
+        for i in 0..size {
+            for j in 0..size {
+                out[i][j] = spin.row[i].mul_add(row[j], out[i][j]);
+            }
+        }
+        if self.terms.moving() {
+            for i in 1..size {
+                let also = of_growth * spin.growth[i];
+                for j in 0..size {
+                    out[i][j] = also.mul_add(spin.row[j], out[i][j]);
+                }
+            }
         }
     }
 
@@ -442,8 +459,17 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
         let mut rest = self
             .terms
             .product(self.stiffness, &bent, &drifting, q, column);
-        let growth = self.rate * (self.terms.rigid_growth() + self.turned.growth);
-        rest[0] += growth.mul_add(v[0], self.slew_rate * turning * 2.0);
+        rest[0] = (self.rate * self.terms.rigid_growth()).mul_add(v[0], rest[0]);
+        let (turned, spin) = (self.turned, self.spin);
+        let [turns, drifts] = spin.of(v);
+        let growing = turned.growth.mul_add(turns, turned.inertia * drifts);
+        let whole = self
+            .rate
+            .mul_add(growing, self.turning_rate * turning * 2.0);
+        let grown = self.rate * turned.inertia * turns;
+        for i in 0..size {
+            rest[i] = spin.row[i].mul_add(whole, grown.mul_add(spin.growth[i], rest[i]));
+        }
         for (rest, force) in rest.iter_mut().zip(&self.force).take(size) {
             *rest = *force - *rest;
         }
@@ -454,17 +480,25 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
     fn beyond(&self, found: &Motion<T, N>) -> Option<[T; N]> {
         let Motion { q, v, a } = found;
         let (before, now) = (self.turned, self.terms.turned(q));
-        let faster = v[0] * v[0] - self.slew_rate * self.slew_rate;
-        let mut missed = [T::splat(0.0); N];
+        let spin = self.spin;
+        let [turns, drifts] = spin.of(v);
+        let [accelerates, _] = spin.of(a);
+        let faster = turns * turns - self.turning_rate * self.turning_rate;
         let (mut of_before, mut of_now) = (T::splat(0.0), T::splat(0.0));
         for i in 1..self.size() {
-            missed[i] = faster * now.force[i];
             of_before = before.force[i].mul_add(v[i], of_before);
             of_now = now.force[i].mul_add(v[i], of_now);
         }
-        let turning = self.slew_rate * of_before - v[0] * of_now;
-        let growing = self.rate * (before.growth - now.growth);
-        missed[0] = (before.inertia - now.inertia) * a[0] + turning * 2.0 + growing * v[0];
+        let less = before.inertia - now.inertia;
+        let turning = self.turning_rate * of_before - turns * of_now;
+        let growing = (before.growth - now.growth).mul_add(turns, less * drifts);
+        let whole = less * accelerates + turning * 2.0 + self.rate * growing;
+        let grown = self.rate * less * turns;
+        let mut missed = [T::splat(0.0); N];
+        for i in 0..self.size() {
+            let own = grown.mul_add(spin.growth[i], faster * now.force[i]);
+            missed[i] = spin.row[i].mul_add(whole, own);
+        }
         Some(missed)
     }
 }

@@ -79,6 +79,24 @@ pub(super) struct Turned<T, const N: usize> {
     pub growth: T,
 }
 
+/// The rate of the whole arm as a linear form of the rates: the angular momentum of the undeflected arm
+/// over its moment of inertia, omega = g q'. The slew angle's entry is 1.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spin<T, const N: usize> {
+    /// g.
+    pub row: [T; N],
+    /// dg/da; zero where link 2 does not move.
+    pub growth: [T; N],
+}
+
+impl<T: Lane, const N: usize> Spin<T, N> {
+    /// The form's value at rates, and that of its change per unit of extension.
+    #[inline(always)]
+    pub fn of(&self, rates: &[T; N]) -> [T; 2] {
+        [dot(&self.row, rates), dot(&self.growth, rates)]
+    }
+}
+
 /// Everything at one length. N holds the coordinates, S the tabulated functions, P a packed matrix.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Terms<'a, T, const N: usize, const S: usize, const P: usize> {
@@ -101,6 +119,10 @@ pub(super) struct Terms<'a, T, const N: usize, const S: usize, const P: usize> {
     /// Axial force of the payload per square of the slew rate, and per acceleration.
     payload_pull: T,
     payload_push: T,
+    /// The same times the distance of the payload's centre from the tip: as the payload turns, its centre
+    /// draws near.
+    near_pull: T,
+    near_push: T,
     /// Tabulated functions; that of Z with the payload's part.
     values: [T; S],
     /// Z between link 2's shapes, without what is of low rank.
@@ -117,8 +139,8 @@ fn plus<T: Lane>(k: f64, x: T, y: T) -> T {
 #[inline(always)]
 fn along<T: Lane>(row: &[f64], x: &[T]) -> T {
     let mut sum = T::splat(0.0);
-    for (k, x) in row.iter().zip(x) {
-        sum = plus(*k, *x, sum);
+    for i in 0..row.len().min(x.len()) {
+        sum = plus(row[i], x[i], sum);
     }
     sum
 }
@@ -127,8 +149,8 @@ fn along<T: Lane>(row: &[f64], x: &[T]) -> T {
 #[inline(always)]
 fn dot<T: Lane>(row: &[T], x: &[T]) -> T {
     let mut sum = T::splat(0.0);
-    for (k, x) in row.iter().zip(x) {
-        sum = k.mul_add(*x, sum);
+    for i in 0..row.len().min(x.len()) {
+        sum = row[i].mul_add(x[i], sum);
     }
     sum
 }
@@ -136,10 +158,10 @@ fn dot<T: Lane>(row: &[T], x: &[T]) -> T {
 /// Adds a packed symmetric matrix times x.
 #[inline(always)]
 fn add_product<T: Lane>(matrix: &[T], x: &[T], sum: &mut [T]) {
-    for (i, sum) in sum.iter_mut().enumerate().take(x.len()) {
-        for (k, x) in x.iter().enumerate() {
+    for i in 0..x.len() {
+        for k in 0..x.len() {
             let at = if k <= i { packed(i, k) } else { packed(k, i) };
-            *sum = matrix[at].mul_add(*x, *sum);
+            sum[i] = matrix[at].mul_add(x[k], sum[i]);
         }
     }
 }
@@ -191,16 +213,22 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             lever_part: payload.lever * shrink,
             payload_pull: payload_push * centre,
             payload_push,
+            near_pull: payload_push * centre * payload.lever,
+            near_push: payload_push * payload.lever,
             values: [T::splat(0.0); S],
             turning2: [T::splat(0.0); P],
         };
         let values = &mut terms.values;
         let count = if moving { slots.count } else { slots.moving };
         arm.table.evaluate(length, &mut values[..count]);
-        for e in 0..n * (n + 1) / 2 {
-            let own = values[slots.turning + e];
-            values[slots.turning + e] =
-                (-terms.payload_pull).mul_add(values[slots.shortening + e], own);
+        // int w_x^2 from the shoulder to the tip is that over link 1 and a s^T s
+        let (pull1, pull2) = (-terms.payload_pull, -(terms.payload_pull * length));
+        for i in 0..n {
+            for k in 0..=i {
+                let e = packed(i, k);
+                let own = plus(arm.slope1[e], pull1, values[slots.turning + e]);
+                values[slots.turning + e] = plus(arm.turn[i] * arm.turn[k], pull2, own);
+            }
         }
         let (root, tip) = (length * 0.5 + arm.lengths[0], length * 0.5);
         let whole = terms.payload_pull * shrink;
@@ -216,6 +244,12 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
     #[inline(always)]
     pub fn size(&self) -> usize {
         (1 + self.modes.0 + self.modes.1).min(N)
+    }
+
+    /// Whether link 2 moves in any lane.
+    #[inline(always)]
+    pub fn moving(&self) -> bool {
+        self.moving
     }
 
     /// Coordinates of link 1 and of link 2.
@@ -237,6 +271,52 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             moved.mul_add(self.centre, own),
             plus(arm.density * l2, r + r - l2, moved + moved),
         )
+    }
+
+    /// Rate of the whole arm. Without the axial load nothing shortens, every particle stays at its
+    /// distance, and what turns is the axis: the slew rate itself.
+    #[inline(always)]
+    pub fn spin(&self) -> Spin<T, N> {
+        let (n, m) = self.modes;
+        let zero = T::splat(0.0);
+        let (mut row, mut growth) = ([zero; N], [zero; N]);
+        row[0] = T::splat(1.0);
+        let (arm, values, slots, load) = (self.arm, &self.values, &self.slots, &self.payload);
+        let (a, l1) = (self.length, arm.lengths[0]);
+        let (rigid, rigid_growth) = self.rigid();
+        // none of it without the axial load
+        let share = rigid.recip() * arm.load;
+        let moved = load.mass * self.centre;
+        for i in 0..n {
+            let (end, turn) = (arm.end[i], arm.turn[i]);
+            let centre = plus(turn, self.arm_out, T::splat(end));
+            let own = moved.mul_add(centre, plus(turn, load.inertia, values[slots.lead + i]));
+            row[1 + i] = own * share;
+            if self.moving {
+                let root = values[slots.root + i];
+                let tip = plus(turn, a, T::splat(end));
+                let links = (self.reach * tip - self.start * root) * arm.density;
+                let own = load.mass.mul_add(plus(turn, self.centre, centre), links);
+                growth[1 + i] = (own - row[1 + i] * rigid_growth) * share;
+            }
+        }
+        let spun = load.inertia * self.shrink;
+        for j in 0..m {
+            let (plain, moment) = (arm.plain[j], arm.moment[j]);
+            let (tip, slope) = (arm.tip[j], arm.tip_slope[j]);
+            let centre = plus(slope, self.lever_part, T::splat(tip));
+            let own = plus(plain, a * l1, a * a * moment);
+            let own = plus(slope, spun, moved.mul_add(centre, own));
+            row[1 + n + j] = own * share;
+            if self.moving {
+                let own = plus(2.0 * moment, a, T::splat(l1 * plain));
+                let own = load.mass.mul_add(centre, own);
+                let shrunk = moved.mul_add(load.lever, load.inertia) * self.shrink2;
+                let own = plus(-slope, shrunk, own);
+                growth[1 + n + j] = (own - row[1 + n + j] * rigid_growth) * share;
+            }
+        }
+        Spin { row, growth }
     }
 
     /// Z q and its forms; the slew angle is no part of it.
@@ -261,7 +341,9 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let of_plain = a * plus(-arm.lengths[0] * arm.load, turn, end);
         let of_moment = a2 * turn * (1.0 - arm.load);
         let of_tip = (-self.payload_pull).mul_add(turn, moved);
-        let of_slope = self.lever_part * moved;
+        let nearer = self.near_pull * self.shrink.mul_add(slope, turn);
+        let of_turn = of_turn - nearer;
+        let of_slope = self.lever_part.mul_add(moved, -(self.shrink * nearer));
         let mut force = [T::splat(0.0); N];
         for i in 0..n {
             force[1 + i] = plus(arm.end[i], of_end, of_turn * arm.turn[i]);
@@ -280,24 +362,34 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             let l1 = arm.lengths[0];
             let out = a.mul_add(turn, end);
             let root = dot(&self.values[self.slots.root..][..n], p);
-            let root_slope = dot(&self.values[self.slots.root_slope..][..n], p);
             // N: the cut at link 2's root, what passes link 1's end, the payload
             let through = (out * out - root * root) * arm.density;
             let drift = (-self.lever_part * self.shrink).mul_add(slope, turn);
             let growing = (moved + moved).mul_add(drift, through);
             let between = end * plain + a * turn * moment * 2.0;
             let growing = growing + between + between;
-            // P2
-            let pulled = plus(arm.density * arm.load, self.reach, self.payload_push)
+            // P2: link 2 beyond its root, all that hangs on link 1, the payload's way out and its turn
+            let pulled = self.start
+                * (arm.density * arm.load)
                 * form(&self.values[self.slots.shortening..], p);
-            let l2 = arm.lengths[1];
-            let at_root = plus(
-                arm.density * arm.load * l2 * 0.5,
-                self.reach + self.reach - l2,
-                self.payload_pull,
-            );
-            let pulled = pulled - at_root * root_slope * root_slope;
+            let mut along = a * turn * turn;
+            for i in 0..n {
+                let mut row = T::splat(0.0);
+                for k in 0..i {
+                    row = plus(arm.slope1[packed(i, k)], p[k], row);
+                }
+                let row = plus(arm.slope1[packed(i, i)], p[i], row + row);
+                along = p[i].mul_add(row, along);
+            }
+            let hanging = self.payload_push + arm.density * arm.load * arm.lengths[1];
+            let pulled = hanging.mul_add(along, pulled);
             let pulled = self.payload_pull.mul_add(turn * turn, pulled);
+            let whole_turn = self.shrink.mul_add(slope, turn);
+            let slower = self.near_pull * whole_turn * (slope * self.shrink2);
+            let nearer = self
+                .near_push
+                .mul_add(whole_turn * whole_turn, -(slower + slower));
+            let pulled = pulled + nearer;
             let bound = plus(l1, plain, a * moment * 2.0) * arm.load;
             let bound = self.payload_push.mul_add(tip, bound) * turn;
             // between link 2's shapes
@@ -326,12 +418,22 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let (n, m) = self.modes;
         let (arm, values, slots) = (self.arm, &self.values, &self.slots);
         let mut link1 = [T::splat(0.0); P];
-        let shortening = thrust.mul_add(self.payload_push, curl * -arm.density);
-        for (e, sum) in link1.iter_mut().enumerate().take(n * (n + 1) / 2) {
-            *sum = turning * values[slots.turning + e];
-            if self.moving {
-                *sum = thrust.mul_add(values[slots.thrust + e], *sum);
-                *sum = shortening.mul_add(values[slots.shortening + e], *sum);
+        let shortening = curl * -arm.density;
+        let (push1, push2) = (
+            thrust * self.payload_push,
+            thrust * self.payload_push * self.length,
+        );
+        for i in 0..n {
+            for k in 0..=i {
+                let e = packed(i, k);
+                let mut sum = turning * values[slots.turning + e];
+                if self.moving {
+                    sum = thrust.mul_add(values[slots.thrust + e], sum);
+                    sum = shortening.mul_add(values[slots.shortening + e], sum);
+                    sum = plus(arm.slope1[e], push1, sum);
+                    sum = plus(arm.turn[i] * arm.turn[k], push2, sum);
+                }
+                link1[e] = sum;
             }
         }
         let mut link2 = [T::splat(0.0); P];
@@ -383,6 +485,9 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let slides_mass = slides * load.mass * load.lever;
         let slides_spin = load.inertia * mass.mul_add(self.shrink, slides);
         let (pull, push) = (turning * arm.load, thrust * arm.load);
+        // between deflections the payload's turn also brings its centre near
+        let near = thrust.mul_add(self.near_push, -(turning * self.near_pull));
+        let bent_spin = spin + near;
         // between the shapes of the two links, what the axial force takes
         let bound_plain = a * plus(-l1, pull, push);
         let bound_tip = thrust.mul_add(self.payload_push, -(turning * self.payload_pull));
@@ -398,7 +503,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             let tip = plus(turn, a, T::splat(end));
             let g = half.mul_add(tip, curl * turn) * density;
             p_end[k] = x + g;
-            p_turn[k] = a.mul_add(g, plus(turn, spin, self.arm_out * x));
+            p_turn[k] = a.mul_add(g, plus(turn, bent_spin, self.arm_out * x));
             if self.moving {
                 let (root, slope) = (values[slots.root + k], values[slots.root_slope + k]);
                 p_root[k] = half.mul_add(root, curl * slope) * -density;
@@ -437,13 +542,15 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let row_turn_moment = a2 * (both - pull);
         let row_turn_mass = load.mass * both.mul_add(self.arm_out, drift);
         let spin_part = spin * self.shrink;
+        let bent_part = bent_spin * self.shrink;
+        let slides_bent = near.mul_add(self.shrink, slides_spin);
         for j in 0..m {
             let (plain, moment) = (arm.plain[j], arm.moment[j]);
             let (tip, slope) = (arm.tip[j], arm.tip_slope[j]);
             let centre = plus(slope, self.lever_part, T::splat(tip));
             centre2[j] = centre;
             let x = line.mul_add(centre, slides_mass * slope);
-            let y = slides_spin * slope;
+            let y = slides_bent * slope;
             (r_mass[j], r_spin[j]) = (x, y);
             let of_end = plus(plain, of_plain, x);
             let of_turn = plus(plain, turn_plain, turn_moment * moment);
@@ -452,7 +559,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             let back_end = plus(plain, back_plain, line * centre);
             let back_turn = plus(plain, row_turn_plain, row_turn_moment * moment);
             let back_turn = plus(tip, bound_tip, back_turn);
-            let back_turn = plus(slope, spin_part, row_turn_mass.mul_add(centre, back_turn));
+            let back_turn = plus(slope, bent_part, row_turn_mass.mul_add(centre, back_turn));
             for i in 0..n {
                 let (end, turn) = (arm.end[i], arm.turn[i]);
                 out[1 + i][1 + n + j] = plus(end, of_end, of_turn * turn);
@@ -558,7 +665,10 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let of_moment = turning * a * a * turn * (1.0 - arm.load);
         let mut of_tip = -(turning * self.payload_pull * turn);
         let mut of_mass = turning * offset;
-        let mut of_slope = T::splat(0.0);
+        let near = thrust.mul_add(self.near_push, -(turning * self.near_pull));
+        let nearer = near * self.shrink.mul_add(slope, turn);
+        let mut of_slope = self.shrink * nearer;
+        of_turn += nearer;
         let mut of_root = T::splat(0.0);
         let mut row = T::splat(0.0);
         if self.moving {
@@ -587,7 +697,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             of_root = curl.mul_add(slope_q, root_g * 0.5) * -density;
             of_plain += a * (turn_g + column + push * turn);
             of_tip += thrust * self.payload_push * turn;
-            of_slope = -(self.shrink * spun);
+            of_slope += -(self.shrink * spun);
             let drifted = self.reach * out_g - self.start * root_g;
             let at_root = plus(l1, turn, root_q - end) - self.start * slope_q;
             row = curl.mul_add(at_root, drifted) * density
