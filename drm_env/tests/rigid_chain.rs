@@ -5,13 +5,12 @@
 // the measured figures, with --nocapture
 #![allow(clippy::print_stdout)]
 
-mod consistent_common;
-
-use consistent_common::moving;
 use drm_env::arm::{Arm, PayloadInertia, PayloadProperties};
 use drm_env::math::generalized_alpha::GeneralizedAlpha;
 use drm_env::plant::consistent::ConsistentPlant;
 use drm_env::plant::{Dynamics, RigidInertia, Torques};
+use drm_env::reference::Extension;
+use drm_env::reference::timeline::Piece;
 use nalgebra::{DMatrix, DVector};
 
 /// A flight at a fixed extension that begins straight and turning; the motor's torque gives a rigid arm
@@ -227,8 +226,20 @@ fn fly_plant(case: &Case, dynamics: &Dynamics, modes: usize, step: f64) -> Vec<[
     )
     .expect("the plant exists");
     let scheme = GeneralizedAlpha::default();
-    let piece = moving(a, 0.0, 0.0);
-    let extension = consistent_common::fixed(a);
+    let piece = Piece {
+        start: 0.0,
+        angle: 0.0,
+        rate: 0.0,
+        accel: [0.0; 4],
+        extension: a,
+        extension_rate: 0.0,
+        extension_accel: 0.0,
+    };
+    let extension = Extension {
+        length: a,
+        rate: 0.0,
+        accel: 0.0,
+    };
     let mut state = plant.released((0.0, case.rate), (0.0, 0.0), (0.0, 0.0));
     let steps = (SAMPLE / step).round() as usize;
     let reach = Arm::default().link1.length + a;
