@@ -544,7 +544,7 @@ class Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What the agent does, sees and is paid for."""
+    """Action, observation and reward."""
 
     control_period: float = 0.01
     """Time between two actions, s: a whole number of sample periods."""
@@ -590,4 +590,4 @@ class EnvConfig:
     )
     """What is drawn for each episode."""
     task: Task = Task()
-    """What the agent does, sees and is paid for."""
+    """Action, observation and reward."""

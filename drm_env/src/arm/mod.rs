@@ -57,6 +57,9 @@ impl Arm {
     }
 
     /// Refuses lengths, stiffnesses and densities that are not positive.
+    ///
+    /// # Errors
+    /// A parameter that is not positive, with its path.
     pub fn validate(&self) -> Result<(), ConfigError> {
         for (name, link) in [("link1", &self.link1), ("link2", &self.link2)] {
             positive(&format!("{name}.length"), link.length)?;
@@ -68,6 +71,9 @@ impl Arm {
 
     /// Refuses an extension outside the arm: link 2 must stay inside link 1 at one end and hold on
     /// to it at the other.
+    ///
+    /// # Errors
+    /// An extension that the arm cannot have, by `path`.
     pub fn validate_extension(&self, path: &str, extension: f64) -> Result<(), ConfigError> {
         let (low, high) = (self.shortest_extension(), self.link2.length);
         if extension.is_finite() && extension > 0.0 && (low..=high).contains(&extension) {

@@ -76,6 +76,9 @@ const NORMAL_ATTEMPTS: usize = 1000;
 
 impl Distribution {
     /// Refuses limits in the wrong order, numbers that are not finite and empty lists.
+    ///
+    /// # Errors
+    /// Bounds, weights or values from which nothing can be drawn.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let ordered = |[low, high]: [f64; 2]| {
             if low.is_finite() && high.is_finite() && low <= high {

@@ -34,7 +34,7 @@ pub struct EnvConfig {
     pub scenario: Scenario,
     /// What is drawn for each episode.
     pub randomize: Randomize,
-    /// What the agent does, sees and is paid for.
+    /// Action, observation and reward.
     pub task: Task,
 }
 
@@ -74,6 +74,9 @@ impl EnvConfig {
     }
 
     /// The defaults of a registered environment.
+    ///
+    /// # Errors
+    /// A name that no task has.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         let mut config = Self::default();
         match name {
@@ -124,6 +127,9 @@ impl EnvConfig {
     }
 
     /// A whole configuration from JSON text; parts left out have the defaults of [`EnvConfig`].
+    ///
+    /// # Errors
+    /// Text that is no JSON, an unknown field, a value that the configuration cannot have; with its path.
     pub fn from_json(text: &str) -> Result<Self, ConfigError> {
         Self::resolve(PRESETS[0], Some(text), None)
     }
@@ -145,6 +151,9 @@ impl EnvConfig {
 
     /// Refuses what cannot be flown: drawn parameters whose ends fit no choice of the others, and ranges
     /// that seldom go together.
+    ///
+    /// # Errors
+    /// The first value that cannot be flown or judged, with its path.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.task.validate(&self.scenario)?;
         let drawn = self.randomize.distributions();

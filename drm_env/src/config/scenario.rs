@@ -122,11 +122,17 @@ const MOST_STEPS_PER_SAMPLE: f64 = 1e5;
 
 impl Scenario {
     /// The payload as it is, with every dimension known.
+    ///
+    /// # Errors
+    /// A payload that does not exist.
     pub fn true_payload(&self) -> Result<PayloadProperties, ConfigError> {
         PayloadProperties::resolve(&self.payload).map_err(|e| e.within("payload"))
     }
 
     /// The payload as it is reported, with every dimension known.
+    ///
+    /// # Errors
+    /// A payload, true or reported, that does not exist.
     pub fn reported(&self) -> Result<PayloadProperties, ConfigError> {
         let truth = self.true_payload()?;
         let mass = match self.reported_payload.mass {
@@ -163,6 +169,9 @@ impl Scenario {
     }
 
     /// Refuses anything that cannot be flown, naming field and value.
+    ///
+    /// # Errors
+    /// The first parameter that cannot be flown, with its path and value.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.arm.validate().map_err(|e| e.within("arm"))?;
         let payload = self.true_payload()?;
@@ -261,6 +270,9 @@ impl Scenario {
     }
 
     /// Dead time or delay in whole samples.
+    ///
+    /// # Errors
+    /// A delay that is negative, not a number or too long, by `path`.
     pub fn delay_samples(&self, path: &str, delay: f64) -> Result<usize, ConfigError> {
         positive("sample_period", self.sample_period)?;
         let samples = libm::round(delay / self.sample_period);

@@ -56,7 +56,7 @@ impl Default for Limits {
     }
 }
 
-/// What the agent does, sees and is paid for.
+/// Action, observation and reward.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Task {

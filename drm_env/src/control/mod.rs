@@ -55,6 +55,9 @@ pub const LAW_NAMES: [&str; 4] = ["none", "linear", "lyapunov", "scheduled"];
 
 impl Law {
     /// The law of this name with the thesis' gains; the scheduled law has none of its own.
+    ///
+    /// # Errors
+    /// A name that no law has.
     pub fn named(name: &str) -> Result<Self, ConfigError> {
         match name {
             "none" => Ok(Self::default()),
@@ -80,6 +83,9 @@ impl Law {
     }
 
     /// Refuses gains that are not finite.
+    ///
+    /// # Errors
+    /// A gain that is not finite, with its path.
     pub fn validate(&self) -> Result<(), ConfigError> {
         match self {
             Self::None(_) => Ok(()),

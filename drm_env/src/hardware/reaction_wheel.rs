@@ -63,6 +63,9 @@ macro_rules! wheel {
             }
 
             /// Refuses limits that are not positive and times that are negative.
+            ///
+            /// # Errors
+            /// A limit or time constant that no wheel has, with its name.
             pub fn validate(&self) -> Result<(), ConfigError> {
                 positive("torque_limit", self.torque_limit)?;
                 if let Some(limit) = self.momentum_limit {

@@ -70,6 +70,9 @@ impl Default for Dynamics {
 
 impl Dynamics {
     /// Refuses a negative damping.
+    ///
+    /// # Errors
+    /// A negative damping, a spectral radius outside 0 to 1.
     pub fn validate(&self) -> Result<(), ConfigError> {
         non_negative("structural_damping", self.structural_damping)?;
         GeneralizedAlpha::new(self.spectral_radius).map(|_| ())

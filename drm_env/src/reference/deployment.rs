@@ -82,6 +82,9 @@ impl Deployment {
 
     /// Refuses lengths outside the arm, forces that are not positive and a deployment that has to
     /// coincide with a slew of no duration.
+    ///
+    /// # Errors
+    /// Lengths that the arm cannot have, a force that does not deploy, a deployment longer than the slew.
     pub fn validate(&self, arm: &Arm, slew_time: f64) -> Result<(), ConfigError> {
         arm.validate_extension("start", self.start)?;
         if self.mode != DeploymentMode::None {

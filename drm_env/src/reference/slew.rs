@@ -74,6 +74,9 @@ impl SlewPiece {
 
 impl Slew {
     /// Refuses values without a profile.
+    ///
+    /// # Errors
+    /// An angle, acceleration or smoothing that no slew has, with its name.
     pub fn validate(&self) -> Result<(), ConfigError> {
         finite("angle", self.angle)?;
         positive("max_accel", self.max_accel)?;

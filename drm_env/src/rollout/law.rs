@@ -17,7 +17,7 @@ use super::recorder::Recorder;
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
 
-/// Where the torques of a sample come from. One type, for every pilot of another one is compiled into the
+/// Where the torques of a sample come from. One type: each further kind of controller compiles the
 /// whole step anew.
 pub(crate) enum Source<'a, T> {
     /// A law.

@@ -95,12 +95,6 @@ impl Flight<f64> {
             .slew_torque(&self.clock.extension, rate, accel)
     }
 
-    /// Electrical power of the slew motor, W, at a slew torque (N m) now.
-    pub fn motor_power(&self, slew_torque: f64) -> f64 {
-        let Reference { rate, accel, .. } = self.clock.reference;
-        self.fixed.current.power(slew_torque, rate, accel)
-    }
-
     /// End of the slew profile, s.
     pub fn slew_end(&self) -> f64 {
         self.fixed.slew_end_time
@@ -168,11 +162,6 @@ impl Flight<f64> {
     /// Torques at the beginning of the last sample, N m: slew motor, root wheel, tip wheel.
     pub fn last_torques(&self) -> [f64; 3] {
         self.common.torques
-    }
-
-    /// Stored momentum of root and tip wheel, N m s.
-    pub fn wheel_momentum(&self) -> [f64; 2] {
-        [self.common.root.momentum, self.common.tip.momentum]
     }
 
     /// Whether every coordinate and rate is finite.
