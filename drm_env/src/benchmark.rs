@@ -18,7 +18,7 @@ use crate::reference::timeline::Piece;
 use crate::simd::dispatch::{Vector, Work, variants};
 use crate::simd::{Instructions, Laned, Pack};
 use crate::simulation::plan::Plan;
-use crate::simulation::propagate_thesis::{Carried, Leg, Switches, WheelDrive};
+use crate::simulation::propagate_thesis::{FsalCache, Segment, Switches, WheelDrive};
 
 /// Time of the kernel and what it ended at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -135,11 +135,11 @@ impl<T: Vector> Work for Slew<'_, T> {
         };
         let mut steps = 0;
         for (piece, span, samples) in pieces.iter() {
-            let mut carried = Carried::nothing();
+            let mut carried = FsalCache::nothing();
             let period = span / *samples as f64;
             let h = T::splat(period / *steps_per_sample as f64);
             for sample in 0..*samples {
-                let leg = Leg {
+                let leg = Segment {
                     constants,
                     inertia,
                     piece,

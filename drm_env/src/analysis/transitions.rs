@@ -10,7 +10,7 @@ use crate::hardware::sensors::Sensors;
 use crate::interruption;
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
-use crate::rollout::law::{Autopilot, Given, Source};
+use crate::rollout::law::{Given, LawController, Source};
 use crate::simd::dispatch::Vector;
 use crate::simd::{Instructions, Number, Pack};
 use crate::simulation::Flight;
@@ -174,17 +174,17 @@ fn measure<T: Vector>(
                     Probe::Wheel(_) => command.0.tip.set_lane(lane, torque[1]),
                 }
             }
-            let mut pilot = Autopilot::new(Source::Given(&mut command));
+            let mut controller = LawController::new(Source::Given(&mut command));
             T::enter(Fly {
                 flight: &mut lanes,
                 samples: hold,
-                pilot: &mut Hooked {
-                    pilot: &mut pilot,
+                controller: &mut Hooked {
+                    controller: &mut controller,
                     hook: Some(&mut seen),
                 },
             });
-            if pilot.lost != 0 {
-                let time = (k * hold + pilot.flown) as f64 * flight.sample_period();
+            if controller.lost != 0 {
+                let time = (k * hold + controller.flown) as f64 * flight.sample_period();
                 return Err(SimulationError::Diverged { time });
             }
             for (lane, probe) in group.iter().enumerate() {

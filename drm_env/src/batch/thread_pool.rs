@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 use crate::interruption::{self, Flag};
 
 /// How long a helper looks out for the next call before it sleeps.
-const LOOKOUT: Duration = Duration::from_micros(50);
+const SPIN_TIME: Duration = Duration::from_micros(50);
 
 /// Parts that a thread at work must have left for another one to help it.
-const WORTH_THE_WAY: usize = 4;
+const MIN_WORK_PER_THREAD: usize = 4;
 
 /// Parts after which a thread looks whether the work shall stop; long ones look themselves.
 const PARTS_BETWEEN_POLLS: usize = 16;
@@ -59,27 +59,27 @@ pub(crate) struct Pool {
 #[derive(Debug)]
 struct Helpers {
     process: u32,
-    desk: Arc<Desk>,
+    state: Arc<PoolState>,
     threads: Vec<JoinHandle<()>>,
 }
 
 /// Where helpers are called.
 #[derive(Debug)]
-struct Desk {
+struct PoolState {
     /// One a helper.
-    posts: Vec<Apart<Post>>,
+    slots: Vec<Apart<Slot>>,
     /// Helpers that sleep, or are about to.
     asleep: Apart<AtomicUsize>,
     /// Held by whoever goes to sleep and whoever wakes.
-    bed: Mutex<()>,
-    news: Condvar,
+    sleep_lock: Mutex<()>,
+    wake: Condvar,
     /// Whether a helper's part of the present call has panicked.
     failed: AtomicBool,
 }
 
 /// How calling thread and helper meet: on one cache line and without a lock.
 #[derive(Debug, Default)]
-struct Post {
+struct Slot {
     /// [`IDLE`], [`CALLED`], [`BUSY`] or [`CLOSING`].
     state: AtomicU8,
     /// The work of the present call: the caller's while idle, the helper's while busy.
@@ -96,9 +96,9 @@ const BUSY: u8 = 2;
 const CLOSING: u8 = 3;
 
 // SAFETY: `job` is written while idle, by the caller, and read while busy, by the helper
-unsafe impl Sync for Post {}
+unsafe impl Sync for Slot {}
 
-impl Post {
+impl Slot {
     fn state(&self) -> u8 {
         self.state.load(Ordering::Acquire)
     }
@@ -164,7 +164,7 @@ impl<I: DoubleEndedIterator + ExactSizeIterator> Share<I> {
     /// A part for another thread; the last few of a thread that is at work are not worth the way to
     /// another cache and back.
     fn last(&mut self) -> Option<I::Item> {
-        if self.begun && self.parts.len() < WORTH_THE_WAY {
+        if self.begun && self.parts.len() < MIN_WORK_PER_THREAD {
             return None;
         }
         self.parts.next_back()
@@ -180,38 +180,42 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Desk {
+impl PoolState {
     /// What a helper does until the pool closes.
     fn help(&self, index: usize) {
-        let post = &self.posts[index].0;
+        let slot = &self.slots[index].0;
         loop {
             let begin = Instant::now();
-            while post.state() == IDLE && begin.elapsed() < LOOKOUT {
+            while slot.state() == IDLE && begin.elapsed() < SPIN_TIME {
                 std::hint::spin_loop();
             }
-            match post.state() {
+            match slot.state() {
                 CLOSING => return,
-                IDLE => self.sleep(post),
-                _ => self.work(post, index),
+                IDLE => self.sleep(slot),
+                _ => self.work(slot, index),
             }
         }
     }
 
-    /// Sleeps until there may be news.
-    fn sleep(&self, post: &Post) {
-        let bed = lock(&self.bed);
+    /// Sleeps until there may be something to do.
+    fn sleep(&self, slot: &Slot) {
+        let guard = lock(&self.sleep_lock);
         self.asleep.0.fetch_add(1, Ordering::Relaxed);
         // Either the helper sees the call, or the caller, who looks for sleepers after it, sees the helper;
-        // then it waits for the bed, so that the helper does not miss the news.
+        // then it waits for the lock, so that the helper does not miss being woken.
         fence(Ordering::SeqCst);
-        if post.state() == IDLE {
-            drop(self.news.wait(bed).unwrap_or_else(PoisonError::into_inner));
+        if slot.state() == IDLE {
+            drop(
+                self.wake
+                    .wait(guard)
+                    .unwrap_or_else(PoisonError::into_inner),
+            );
         }
         self.asleep.0.fetch_sub(1, Ordering::Relaxed);
     }
 
-    fn work(&self, post: &Post, index: usize) {
-        let Some(job) = post.take() else { return };
+    fn work(&self, slot: &Slot, index: usize) {
+        let Some(job) = slot.take() else { return };
         let work = || {
             // SAFETY: `Pool::share` returns, and ends the function's life, only when nobody is busy
             unsafe { (*job.0)(index + 1) }
@@ -221,39 +225,39 @@ impl Desk {
             self.failed.store(true, Ordering::Relaxed);
         }
         // what this thread has done comes before
-        post.state.store(IDLE, Ordering::Release);
+        slot.state.store(IDLE, Ordering::Release);
     }
 
     /// Wakes the helpers that sleep, after what they shall see has been written.
     fn wake(&self) {
         fence(Ordering::SeqCst);
         if self.asleep.0.load(Ordering::Relaxed) > 0 {
-            drop(lock(&self.bed));
-            self.news.notify_all();
+            drop(lock(&self.sleep_lock));
+            self.wake.notify_all();
         }
     }
 }
 
 impl Helpers {
     fn start(count: usize) -> Self {
-        let desk = Arc::new(Desk {
-            posts: (0..count).map(|_| Apart(Post::default())).collect(),
+        let state = Arc::new(PoolState {
+            slots: (0..count).map(|_| Apart(Slot::default())).collect(),
             asleep: Apart(AtomicUsize::new(0)),
-            bed: Mutex::new(()),
-            news: Condvar::new(),
+            sleep_lock: Mutex::new(()),
+            wake: Condvar::new(),
             failed: AtomicBool::new(false),
         });
         // with fewer threads than wanted the work is done all the same
         let threads = (0..count)
             .map_while(|i| {
-                let desk = Arc::clone(&desk);
+                let state = Arc::clone(&state);
                 let builder = std::thread::Builder::new().name(format!("drm-env-{i}"));
-                builder.spawn(move || desk.help(i)).ok()
+                builder.spawn(move || state.help(i)).ok()
             })
             .collect();
         Self {
             process: std::process::id(),
-            desk,
+            state,
             threads,
         }
     }
@@ -267,10 +271,10 @@ impl Drop for Helpers {
             std::mem::forget(std::mem::take(&mut self.threads));
             return;
         }
-        for post in &self.desk.posts {
-            post.0.state.store(CLOSING, Ordering::Release);
+        for slot in &self.state.slots {
+            slot.0.state.store(CLOSING, Ordering::Release);
         }
-        self.desk.wake();
+        self.state.wake();
         for thread in self.threads.drain(..) {
             // a helper that has panicked has nothing left to give back
             let _ = thread.join();
@@ -279,7 +283,7 @@ impl Drop for Helpers {
 }
 
 impl Pool {
-    fn desk(&mut self, count: usize) -> Arc<Desk> {
+    fn state(&mut self, count: usize) -> Arc<PoolState> {
         let fits = |helpers: &Helpers| {
             helpers.process == std::process::id() && helpers.threads.len() == count
         };
@@ -287,7 +291,7 @@ impl Pool {
             self.helpers = None;
         }
         let helpers = self.helpers.get_or_insert_with(|| Helpers::start(count));
-        Arc::clone(&helpers.desk)
+        Arc::clone(&helpers.state)
     }
 
     /// Does `work` on every part of so many shares, a thread for each, the calling one among them.
@@ -349,7 +353,7 @@ impl Pool {
                 stopped.store(true, Ordering::Relaxed);
             }
         });
-        let desk = self.desk(threads - 1);
+        let state = self.state(threads - 1);
         let job: *const (dyn Fn(usize) + Sync + '_) = &run.0;
         // SAFETY: only the lifetime changes; `Finish` below outwaits every helper that has the pointer
         let job = Job(unsafe {
@@ -359,33 +363,33 @@ impl Pool {
             >(job)
         });
         // not written without need: helpers look at what lies beside it
-        if desk.failed.load(Ordering::Relaxed) {
-            desk.failed.store(false, Ordering::Relaxed);
+        if state.failed.load(Ordering::Relaxed) {
+            state.failed.store(false, Ordering::Relaxed);
         }
-        let finish = Finish(&desk);
-        for post in &desk.posts {
-            post.0.call(job);
+        let finish = Finish(&state);
+        for slot in &state.slots {
+            slot.0.call(job);
         }
-        desk.wake();
+        state.wake();
         (run.0)(0);
         drop(finish);
         if stopped.load(Ordering::Relaxed) {
             interruption::poll();
         }
         assert!(
-            !desk.failed.load(Ordering::Relaxed),
+            !state.failed.load(Ordering::Relaxed),
             "a thread of the batch has panicked"
         );
     }
 }
 
 /// Withdraws the job and waits for the helpers that are at it, also when the calling thread unwinds.
-struct Finish<'a>(&'a Desk);
+struct Finish<'a>(&'a PoolState);
 
 impl Drop for Finish<'_> {
     fn drop(&mut self) {
-        for post in &self.0.posts {
-            post.0.finish();
+        for slot in &self.0.slots {
+            slot.0.finish();
         }
     }
 }
@@ -412,7 +416,7 @@ mod tests {
                 assert!(done.iter().all(|part| part.load(Ordering::Relaxed) == 1));
                 if round % 50 == 0 {
                     // long enough for the helpers to fall asleep
-                    std::thread::sleep(LOOKOUT * 4);
+                    std::thread::sleep(SPIN_TIME * 4);
                 }
             }
         }
@@ -423,7 +427,7 @@ mod tests {
         let mut pool = Pool::default();
         let attempt = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             pool.share(2, shares(64, 2), |part| {
-                std::thread::sleep(LOOKOUT);
+                std::thread::sleep(SPIN_TIME);
                 assert!(part < 8, "part {part}");
             });
         }));

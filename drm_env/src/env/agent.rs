@@ -8,7 +8,7 @@ use crate::hardware::reaction_wheel::WheelTorques;
 use crate::simd::mask::lanes_of;
 use crate::simd::{Laned, Number};
 use crate::simulation::Flight;
-use crate::simulation::controller::Pilot;
+use crate::simulation::controller::Controller;
 
 /// Limits actions in size and rate; `action` is the one before.
 #[inline(always)]
@@ -45,7 +45,7 @@ pub(super) struct Agent<'a, T> {
     pub(super) lost: u32,
 }
 
-impl<T: Number> Pilot<T> for Agent<'_, T> {
+impl<T: Number> Controller<T> for Agent<'_, T> {
     #[inline(always)]
     fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
         let mut command = self.command;

@@ -263,9 +263,9 @@ impl<T: Number> EnvPack<T> {
         let spent = zero.below(samples).bits() ^ everyone::<T>();
         self.flight.rest(!lanes | spent);
         if lanes & !spent != 0 {
-            let pilot = &mut agent;
+            let controller = &mut agent;
             self.flight
-                .fly(setup.samples_per_action, &mut Hooked { pilot, hook });
+                .fly(setup.samples_per_action, &mut Hooked { controller, hook });
         }
         let Agent {
             flown, sums, lost, ..

@@ -7,8 +7,8 @@ use crate::simd::dispatch::Vector;
 use crate::simd::mask::everyone;
 use crate::simd::mask::lanes_of;
 use crate::simulation::Flight;
+use crate::simulation::controller::Controller;
 use crate::simulation::controller::Fly;
-use crate::simulation::controller::Pilot;
 use crate::simulation::hook::{Hooked, StepHook};
 
 use super::queue::{Ended, Queue};
@@ -46,12 +46,12 @@ pub struct Schedule<'a> {
 }
 
 /// A schedule for the manoeuvres in the lanes.
-struct Played<'a> {
+struct ScheduledTorques<'a> {
     schedule: &'a Schedule<'a>,
     lanes: &'a [Option<Place>],
 }
 
-impl<T: Number> Given<T> for Played<'_> {
+impl<T: Number> Given<T> for ScheduledTorques<'_> {
     fn torques(&mut self, flight: &Flight<T>) -> WheelTorques<T> {
         let mut torques = WheelTorques {
             root: T::splat(0.0),
@@ -153,22 +153,22 @@ fn leg<T: Vector>(
     let source = match command {
         Command::Law(law) => Source::Law(law),
         Command::Schedule(schedule) => {
-            played = Played { schedule, lanes };
+            played = ScheduledTorques { schedule, lanes };
             Source::Given(&mut played)
         }
     };
-    let mut pilot = Autopilot::new(source);
+    let mut controller = LawController::new(source);
     T::enter(Fly {
         flight,
         samples: left.min(SAMPLES_BETWEEN_LOOKS),
-        pilot: &mut Hooked {
-            pilot: &mut pilot,
+        controller: &mut Hooked {
+            controller: &mut controller,
             hook: recorder
                 .as_deref_mut()
                 .map(|recorder| recorder as &mut dyn StepHook<T>),
         },
     });
-    let (flown, lost_lanes) = (pilot.flown, pilot.lost);
+    let (flown, lost_lanes) = (controller.flown, controller.lost);
     for lane in lanes_of(taken & everyone::<T>()) {
         let Some(Place { index, left }) = lanes[lane] else {
             continue;
@@ -187,15 +187,15 @@ fn leg<T: Vector>(
     }
 }
 
-/// A source of torques as the pilot, until a lane leaves the limits of [`crate::validity`].
-pub(crate) struct Autopilot<'a, T> {
+/// A source of torques as the controller, until a lane leaves the limits of [`crate::validity`].
+pub(crate) struct LawController<'a, T> {
     source: Source<'a, T>,
     pub(crate) flown: usize,
     /// Lanes that have left the limits with the last sample, a bit each.
     pub(crate) lost: u32,
 }
 
-impl<'a, T> Autopilot<'a, T> {
+impl<'a, T> LawController<'a, T> {
     pub(crate) fn new(source: Source<'a, T>) -> Self {
         Self {
             source,
@@ -205,7 +205,7 @@ impl<'a, T> Autopilot<'a, T> {
     }
 }
 
-impl<T: Number> Pilot<T> for Autopilot<'_, T> {
+impl<T: Number> Controller<T> for LawController<'_, T> {
     #[inline(always)]
     fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
         let torques = match &mut self.source {

@@ -252,13 +252,13 @@ fn collect(
 }
 
 /// A controller that has been checked against the scenarios.
-enum Ready<'a> {
+enum PreparedController<'a> {
     Law(&'a Law),
     Schedule(Schedule<'a>),
     Network(Box<Autonomy<'a>>),
 }
 
-impl Ready<'_> {
+impl PreparedController<'_> {
     fn fly<T: Vector>(&self, queue: &Queue<'_>) {
         match self {
             Self::Law(law) => law::fly::<T>(queue, law::Command::Law(law)),
@@ -269,25 +269,28 @@ impl Ready<'_> {
 }
 
 /// Refuses what cannot be flown.
-fn ready<'a>(scenarios: &[Scenario], controller: Controller<'a>) -> Result<Ready<'a>, ConfigError> {
+fn ready<'a>(
+    scenarios: &[Scenario],
+    controller: Controller<'a>,
+) -> Result<PreparedController<'a>, ConfigError> {
     let ready = match controller {
         Controller::Law(law) => {
             law.validate()?;
-            Ready::Law(law)
+            PreparedController::Law(law)
         }
         Controller::Schedule(schedule) => {
             check_schedule(&schedule, scenarios.len())?;
-            Ready::Schedule(schedule)
+            PreparedController::Schedule(schedule)
         }
         Controller::Network { network, config } => {
-            Ready::Network(Box::new(Autonomy::new(network, config)?))
+            PreparedController::Network(Box::new(Autonomy::new(network, config)?))
         }
     };
     for (i, scenario) in scenarios.iter().enumerate() {
         interruption::poll();
         let checked = scenario.validate().and_then(|()| match &ready {
-            Ready::Law(_) | Ready::Schedule(_) => Ok(()),
-            Ready::Network(autonomy) => autonomy.check(scenario),
+            PreparedController::Law(_) | PreparedController::Schedule(_) => Ok(()),
+            PreparedController::Network(autonomy) => autonomy.check(scenario),
         });
         checked.map_err(|e| e.within(&format!("scenarios[{i}]")))?;
     }

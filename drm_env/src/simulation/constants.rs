@@ -49,7 +49,7 @@ impl<T: Number> WheelLimits<T> {
 
 /// What is fixed through an episode, as the sample loop needs it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fixed<T> {
+pub(crate) struct LaneConstants<T> {
     pub(crate) inertia: RigidInertia<T>,
     /// The reported payload's share of the inertia.
     pub(super) payload_inertia: RigidInertia<T>,
@@ -63,7 +63,7 @@ pub(crate) struct Fixed<T> {
     pub(crate) link1_length: T,
 }
 
-laned!(Fixed {
+laned!(LaneConstants {
     inertia,
     payload_inertia,
     known,
@@ -75,7 +75,7 @@ laned!(Fixed {
     link1_length,
 });
 
-impl Fixed<f64> {
+impl LaneConstants<f64> {
     pub(super) fn new(plan: &Plan) -> Self {
         let limits = |wheel: &crate::hardware::reaction_wheel::Wheel| WheelLimits {
             torque: wheel.torque_limit,
@@ -100,7 +100,7 @@ impl Fixed<f64> {
 
 /// What all lanes of a flight share.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Shared {
+pub(super) struct SharedConstants {
     pub(super) sample_period: f64,
     pub(super) integrator_step: f64,
     pub(super) steps: usize,
@@ -110,7 +110,7 @@ pub(super) struct Shared {
     pub(super) particle_following: bool,
 }
 
-impl Shared {
+impl SharedConstants {
     pub(super) fn new(plan: &Plan) -> Self {
         let scenario = &plan.scenario;
         Self {
@@ -124,7 +124,7 @@ impl Shared {
     }
 }
 
-impl Shared {
+impl SharedConstants {
     /// Any dynamics, with any wheels.
     pub(super) fn switches(&self) -> Switches {
         Switches {

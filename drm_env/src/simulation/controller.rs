@@ -6,7 +6,7 @@ use crate::simd::Number;
 use crate::simd::dispatch::{Vector, Work, variants};
 
 /// Who flies: asked for commands before each sample and told of it afterwards.
-pub(crate) trait Pilot<T: Number> {
+pub(crate) trait Controller<T: Number> {
     /// Wheel torques (N m, before saturation), and the torque of the slew motor where it is not the
     /// open-loop one.
     fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>);
@@ -20,7 +20,7 @@ pub(super) struct Held<T> {
     pub(super) slew: Option<T>,
 }
 
-impl<T: Number> Pilot<T> for Held<T> {
+impl<T: Number> Controller<T> for Held<T> {
     #[inline(always)]
     fn command(&mut self, _flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
         (self.command, self.slew)
@@ -36,17 +36,17 @@ impl<T: Number> Pilot<T> for Held<T> {
 pub(crate) struct Fly<'a, T: Number, P> {
     pub(crate) flight: &'a mut Flight<T>,
     pub(crate) samples: usize,
-    pub(crate) pilot: &'a mut P,
+    pub(crate) controller: &'a mut P,
 }
 
 variants!(fly);
 
-impl<T: Vector, P: Pilot<T>> Work for Fly<'_, T, P> {
+impl<T: Vector, P: Controller<T>> Work for Fly<'_, T, P> {
     type Output = ();
     type Variants = fly::Here;
 
     #[inline(always)]
     fn run(self) {
-        self.flight.fly(self.samples, self.pilot);
+        self.flight.fly(self.samples, self.controller);
     }
 }

@@ -3,7 +3,7 @@
 use crate::hardware::reaction_wheel::WheelTorques;
 use crate::simd::Number;
 use crate::simulation::Flight;
-use crate::simulation::controller::Pilot;
+use crate::simulation::controller::Controller;
 
 /// Told of every sample of a flight before and after it is flown; resting lanes do not fly.
 pub(crate) trait StepHook<T: Number> {
@@ -15,25 +15,25 @@ pub(crate) trait StepHook<T: Number> {
 
 /// A controller with an optional hook.
 pub(crate) struct Hooked<'a, 'b, T: Number, P> {
-    pub(crate) pilot: &'a mut P,
+    pub(crate) controller: &'a mut P,
     pub(crate) hook: Option<&'a mut (dyn StepHook<T> + 'b)>,
 }
 
-impl<T: Number, P: Pilot<T>> Pilot<T> for Hooked<'_, '_, T, P> {
+impl<T: Number, P: Controller<T>> Controller<T> for Hooked<'_, '_, T, P> {
     #[inline(always)]
     fn command(&mut self, flight: &mut Flight<T>) -> (WheelTorques<T>, Option<T>) {
         if let Some(hook) = &mut self.hook {
             hook.before(flight);
         }
-        self.pilot.command(flight)
+        self.controller.command(flight)
     }
 
     #[inline(always)]
     fn flown(&mut self, flight: &mut Flight<T>) -> bool {
-        // first, for the pilot may send lanes to rest that have flown this sample
+        // first, for the controller may send lanes to rest that have flown this sample
         if let Some(hook) = &mut self.hook {
             hook.after(flight);
         }
-        self.pilot.flown(flight)
+        self.controller.flown(flight)
     }
 }

@@ -5,10 +5,10 @@ use crate::simd::mask::everyone;
 use crate::simd::{Laned, Number};
 use crate::simulation::any_plant::{AnyPlant, Motion};
 use crate::simulation::clock::Clock;
-use crate::simulation::constants::Fixed;
+use crate::simulation::constants::LaneConstants;
 use crate::simulation::manoeuvre::Manoeuvre;
 use crate::simulation::plan::ScenarioDelta;
-use crate::simulation::state::Common;
+use crate::simulation::state::LaneState;
 use std::sync::Arc;
 
 impl<T: Number> Flight<T> {
@@ -20,10 +20,10 @@ impl<T: Number> Flight<T> {
             base: Arc::new(single.scenario_of(0)),
             manoeuvres: vec![manoeuvre; T::WIDTH],
             shared: single.shared,
-            fixed: Fixed::spread(&single.fixed),
+            fixed: LaneConstants::spread(&single.fixed),
             body: AnyPlant::spread(&single.body),
             clock: Clock::spread(&single.clock),
-            common: Common::spread(&single.common),
+            common: LaneState::spread(&single.common),
             motion: Motion::spread(&single.motion),
             measured: None,
             effort: T::splat(0.0),
@@ -32,7 +32,7 @@ impl<T: Number> Flight<T> {
             ideal: true,
             still: false,
         };
-        flight.take_stock();
+        flight.refresh_flags();
         if let (Some(measured), Some(single)) = (&mut flight.measured, &single.measured) {
             **measured = Laned::spread(&**single);
         }
@@ -62,7 +62,7 @@ impl<T: Number> Flight<T> {
         self.clock.put_lane(lane, &single.clock);
         self.common.put_lane(lane, &single.common);
         self.motion.put(lane, &single.motion);
-        self.take_stock();
+        self.refresh_flags();
         let measured = single.measured();
         if let Some(all) = &mut self.measured {
             all.put_lane(lane, &measured);
@@ -95,7 +95,7 @@ impl<T: Number> Flight<T> {
         }
     }
 
-    pub(super) fn take_stock(&mut self) {
+    pub(super) fn refresh_flags(&mut self) {
         self.plain = self.manoeuvres.iter().all(|m| m.lines.is_none());
         self.ideal = self.manoeuvres.iter().all(|m| m.ideal_wheels);
         self.look_at_pieces();
@@ -113,7 +113,7 @@ impl<T: Number> Flight<T> {
     /// Puts every lane where a flight of the same manoeuvre is.
     pub(crate) fn begin_at(&mut self, single: &Flight<f64>) {
         self.clock = Clock::spread(&single.clock);
-        self.common = Common::spread(&single.common);
+        self.common = LaneState::spread(&single.common);
         self.motion = Motion::spread(&single.motion);
         for manoeuvre in &mut self.manoeuvres {
             manoeuvre.piece = single.manoeuvres[0].piece;

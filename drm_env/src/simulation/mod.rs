@@ -29,11 +29,11 @@ use crate::reference::timeline::Timeline;
 use crate::simd::Number;
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
-use crate::simulation::constants::{Fixed, Shared};
+use crate::simulation::constants::{LaneConstants, SharedConstants};
 use crate::simulation::manoeuvre::Manoeuvre;
 use crate::simulation::metrics::Metrics;
 pub use crate::simulation::snapshot::FlightState;
-use crate::simulation::state::Common;
+use crate::simulation::state::LaneState;
 
 pub use crate::simulation::plan::Plan;
 
@@ -49,11 +49,11 @@ pub struct Flight<T: Number = f64> {
     /// What the scenarios are told by their differences from.
     base: Arc<Scenario>,
     manoeuvres: Vec<Manoeuvre>,
-    shared: Shared,
-    fixed: Fixed<T>,
+    shared: SharedConstants,
+    fixed: LaneConstants<T>,
     body: AnyPlant<T>,
     clock: Clock<T>,
-    pub(crate) common: Common<T>,
+    pub(crate) common: LaneState<T>,
     motion: Motion<T>,
     /// Slew angle and rate, link-2 tip deflection and its rate as measured, where that is not what they
     /// are.
@@ -103,7 +103,7 @@ impl<T: Number> Flight<T> {
         }
     }
 
-    pub(crate) fn fixed(&self) -> &Fixed<T> {
+    pub(crate) fn fixed(&self) -> &LaneConstants<T> {
         &self.fixed
     }
 

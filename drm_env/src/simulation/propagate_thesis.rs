@@ -61,7 +61,7 @@ impl Switches {
 }
 
 /// What is constant over a leg.
-pub(crate) struct Leg<'a, T> {
+pub(crate) struct Segment<'a, T> {
     pub(crate) constants: &'a Constants<T>,
     pub(crate) inertia: &'a RigidInertia<T>,
     pub(crate) piece: &'a Piece<T>,
@@ -81,40 +81,40 @@ pub(crate) struct Leg<'a, T> {
 
 /// The equations of motion at one instant of the prescribed motion.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Instant<T> {
+pub(crate) struct StageTerms<T> {
     prepared: Prepared<T>,
     slew: T,
 }
 
-laned!(Instant { prepared, slew });
+laned!(StageTerms { prepared, slew });
 
 /// The instant at the end of a leg, for the next one.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Carried<T> {
+pub(crate) struct FsalCache<T> {
     /// Whether the next leg begins there in the same piece.
     pub(crate) valid: bool,
-    instant: Instant<T>,
+    instant: StageTerms<T>,
 }
 
-impl<T: Number> Carried<T> {
+impl<T: Number> FsalCache<T> {
     /// Nothing yet.
     #[inline(always)]
     pub(crate) fn nothing() -> Self {
         Self {
             valid: false,
-            instant: Instant::spread(&Instant::<f64>::NONE),
+            instant: StageTerms::spread(&StageTerms::<f64>::NONE),
         }
     }
 }
 
-impl Instant<f64> {
+impl StageTerms<f64> {
     const NONE: Self = Self {
         prepared: Prepared::ZERO,
         slew: 0.0,
     };
 }
 
-impl<T: Lane> Instant<T> {
+impl<T: Lane> StageTerms<T> {
     #[inline(always)]
     fn new(
         switches: Switches,
@@ -159,7 +159,7 @@ const INSTANTS: usize = 2 * STEPS_AHEAD;
 #[repr(C, align(64))]
 struct Anchor([u8; 64]);
 
-impl<T: Number> Leg<'_, T> {
+impl<T: Number> Segment<'_, T> {
     /// Time since the piece's start of a number of steps and `part` of one more.
     #[inline(always)]
     fn place(&self, step: usize, part: f64) -> T {
@@ -177,8 +177,8 @@ impl<T: Number> Leg<'_, T> {
     }
 
     #[inline(always)]
-    fn instant(&self, switches: Switches, u: T) -> Instant<T> {
-        Instant::new(
+    fn instant(&self, switches: Switches, u: T) -> StageTerms<T> {
+        StageTerms::new(
             switches,
             self.constants,
             self.inertia,
@@ -190,8 +190,8 @@ impl<T: Number> Leg<'_, T> {
 
     /// A later instant of a leg of fixed length.
     #[inline(always)]
-    fn later(&self, now: &Instant<T>, u: T) -> Instant<T> {
-        Instant {
+    fn later(&self, now: &StageTerms<T>, u: T) -> StageTerms<T> {
+        StageTerms {
             prepared: now.prepared,
             slew: match self.slew {
                 Some(torque) => torque,
@@ -210,7 +210,7 @@ impl<T: Number> Leg<'_, T> {
         motion: &mut [T; 6],
         root: &mut WheelState<T>,
         tip: &mut WheelState<T>,
-        carried: &mut Carried<T>,
+        carried: &mut FsalCache<T>,
     ) -> Torques<T> {
         // aligns the frame, and with it the registers that are kept there
         std::hint::black_box(&mut Anchor([0; 64]));
@@ -246,10 +246,10 @@ impl<T: Number> Leg<'_, T> {
                     places[2 * i + 1] = self.end_of(begin + i).lane(0);
                 }
                 let ahead =
-                    Instant::new(switches, &constants, &inertia, &piece, slew, Pack(places));
+                    StageTerms::new(switches, &constants, &inertia, &piece, slew, Pack(places));
                 for i in 0..STEPS_AHEAD.min(self.steps - begin) {
-                    let middle = Instant::spread(&ahead.lane_of(2 * i));
-                    let end = Instant::spread(&ahead.lane_of(2 * i + 1));
+                    let middle = StageTerms::spread(&ahead.lane_of(2 * i));
+                    let end = StageTerms::spread(&ahead.lane_of(2 * i + 1));
                     let torques = self.step(switches, motion, [&now, &middle, &end], root, tip);
                     if begin + i == 0 {
                         (first.root, first.tip) = torques;
@@ -268,7 +268,7 @@ impl<T: Number> Leg<'_, T> {
                 now = end;
             }
         }
-        *carried = Carried {
+        *carried = FsalCache {
             valid: true,
             instant: now,
         };
@@ -281,7 +281,7 @@ impl<T: Number> Leg<'_, T> {
         &self,
         switches: Switches,
         motion: &mut [T; 6],
-        instants: [&Instant<T>; 3],
+        instants: [&StageTerms<T>; 3],
         root: &mut WheelState<T>,
         tip: &mut WheelState<T>,
     ) -> (T, T) {
@@ -301,7 +301,7 @@ impl<T: Number> Leg<'_, T> {
 /// Rates of the motion over one step.
 struct Slope<'a, T> {
     following: bool,
-    instants: [&'a Instant<T>; 3],
+    instants: [&'a StageTerms<T>; 3],
     root: StepTorque<T>,
     tip: StepTorque<T>,
 }
@@ -333,12 +333,12 @@ impl<T: Lane> Derivative<T, 6> for Slope<'_, T> {
 
 /// A leg of the thesis plant with any switches and wheels.
 pub(super) struct General<'a, 'b, T: Number> {
-    pub(super) leg: &'a Leg<'b, T>,
+    pub(super) leg: &'a Segment<'b, T>,
     pub(super) switches: Switches,
     pub(super) motion: &'a mut [T; 6],
     pub(super) root: &'a mut WheelState<T>,
     pub(super) tip: &'a mut WheelState<T>,
-    pub(super) carried: &'a mut Carried<T>,
+    pub(super) carried: &'a mut FsalCache<T>,
 }
 
 variants!(general);

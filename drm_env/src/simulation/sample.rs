@@ -9,11 +9,11 @@ use crate::simd::mask::{everyone, lanes_of};
 use crate::simd::{Laned, Number};
 use crate::simulation::any_plant::{AnyPlant, Motion};
 use crate::simulation::clock::Clock;
-use crate::simulation::controller::Pilot;
+use crate::simulation::controller::Controller;
 use crate::simulation::metrics::Sample;
 use crate::simulation::plan::steps_within;
 use crate::simulation::propagate_consistent::Implicit;
-use crate::simulation::propagate_thesis::{Carried, General, Leg, Switches};
+use crate::simulation::propagate_thesis::{FsalCache, General, Segment, Switches};
 use crate::simulation::span::Span;
 
 impl<T: Number> Flight<T> {
@@ -24,11 +24,11 @@ impl<T: Number> Flight<T> {
 
     /// Flies up to so many samples.
     #[inline(always)]
-    pub(crate) fn fly<P: Pilot<T>>(&mut self, samples: usize, pilot: &mut P)
+    pub(crate) fn fly<P: Controller<T>>(&mut self, samples: usize, controller: &mut P)
     where
         T: Vector,
     {
-        let mut carried = Carried::nothing();
+        let mut carried = FsalCache::nothing();
         let mut steps = 0;
         for _ in 0..samples {
             steps += self.shared.steps;
@@ -38,7 +38,7 @@ impl<T: Number> Flight<T> {
             }
             let resting = self.resting;
             let before = (resting != 0).then(|| (self.common, self.motion.clone(), self.clock));
-            let (command, slew) = pilot.command(self);
+            let (command, slew) = controller.command(self);
             self.sample(&command, slew, &mut carried);
             if let Some((common, motion, clock)) = before {
                 for lane in lanes_of(resting) {
@@ -48,7 +48,7 @@ impl<T: Number> Flight<T> {
                 }
                 carried.valid = false;
             }
-            if !pilot.flown(self) {
+            if !controller.flown(self) {
                 break;
             }
         }
@@ -61,7 +61,7 @@ impl<T: Number> Flight<T> {
         &mut self,
         command: &WheelTorques<T>,
         slew: Option<T>,
-        carried: &mut Carried<T>,
+        carried: &mut FsalCache<T>,
     ) where
         T: Vector,
     {
@@ -121,7 +121,7 @@ impl<T: Number> Flight<T> {
         &mut self,
         command: &WheelTorques<T>,
         slew: Option<T>,
-        carried: &mut Carried<T>,
+        carried: &mut FsalCache<T>,
     ) where
         T: Vector,
     {
@@ -150,7 +150,7 @@ impl<T: Number> Flight<T> {
             let (root, tip) = (&mut self.common.root, &mut self.common.tip);
             self.common.torques = match (&self.body, &mut self.motion) {
                 (AnyPlant::Thesis(constants), Motion::Thesis(motion)) => {
-                    let leg = Leg {
+                    let leg = Segment {
                         constants,
                         inertia: &self.fixed.inertia,
                         piece,
@@ -244,7 +244,7 @@ impl<T: Number> Flight<T> {
             let (root, tip) = (&mut result.root, &mut result.tip);
             let torques = match (&body, &mut result.motion) {
                 (AnyPlant::Thesis(constants), Motion::Thesis(motion)) => {
-                    let leg = Leg {
+                    let leg = Segment {
                         constants,
                         inertia: &fixed.inertia,
                         piece,
@@ -263,7 +263,7 @@ impl<T: Number> Flight<T> {
                         motion,
                         root,
                         tip,
-                        carried: &mut Carried::nothing(),
+                        carried: &mut FsalCache::nothing(),
                     });
                     [torques.slew, torques.root, torques.tip]
                 }

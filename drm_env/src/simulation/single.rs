@@ -13,12 +13,12 @@ use crate::reference::timeline::{Reference, Timeline};
 use crate::simd::dispatch::Vector;
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
-use crate::simulation::constants::{Fixed, Shared};
+use crate::simulation::constants::{LaneConstants, SharedConstants};
 use crate::simulation::controller::{Fly, Held};
 use crate::simulation::manoeuvre::Manoeuvre;
 use crate::simulation::metrics::{Accumulator, Metrics};
 use crate::simulation::plan::{Plan, ScenarioDelta};
-use crate::simulation::state::Common;
+use crate::simulation::state::LaneState;
 use std::sync::Arc;
 
 impl Flight<f64> {
@@ -43,11 +43,11 @@ impl Flight<f64> {
         });
         let mut flight = Self {
             base: Arc::new(Scenario::default()),
-            shared: Shared::new(&plan),
-            fixed: Fixed::new(&plan),
+            shared: SharedConstants::new(&plan),
+            fixed: LaneConstants::new(&plan),
             body,
             clock,
-            common: Common {
+            common: LaneState {
                 sample: 0.0,
                 root: WheelState::rest(),
                 tip: WheelState::rest(),
@@ -70,7 +70,7 @@ impl Flight<f64> {
                 lines,
             }],
         };
-        flight.take_stock();
+        flight.refresh_flags();
         if !flight.plain {
             flight.sense();
         }
@@ -196,7 +196,7 @@ impl Flight<f64> {
         f64::enter(Fly {
             flight: self,
             samples: 1,
-            pilot: &mut Held {
+            controller: &mut Held {
                 command: *command,
                 slew,
             },

@@ -7,13 +7,13 @@ use crate::hardware::delay::DelayLines;
 use crate::simulation::any_plant::Motion;
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::WheelLimits;
-use crate::simulation::state::Common;
+use crate::simulation::state::LaneState;
 use serde::{Deserialize, Serialize};
 
 /// What changes through one episode, for a snapshot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FlightState {
-    common: Common<f64>,
+    common: LaneState<f64>,
     motion: Motion<f64>,
     measured: [f64; 4],
     lines: Option<Box<DelayLines>>,
@@ -82,7 +82,7 @@ impl Flight<f64> {
     /// Whether a flight can have left these numbers in wheels, laws, metrics and lines; what follows the
     /// motion need not be finite where that is `void`.
     pub(super) fn is_plausible(&self, void: bool) -> bool {
-        let Common {
+        let LaneState {
             sample,
             root,
             tip,

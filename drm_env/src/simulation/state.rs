@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// What changes through an episode and is the same for every manoeuvre.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Common<T> {
+pub(crate) struct LaneState<T> {
     /// Samples flown.
     pub(crate) sample: T,
     pub(crate) root: WheelState<T>,
@@ -19,7 +19,7 @@ pub(crate) struct Common<T> {
     pub(crate) torques: [T; 3],
 }
 
-laned!(Common {
+laned!(LaneState {
     sample,
     root,
     tip,
