@@ -71,12 +71,12 @@ CALLS = {
         "drm_env.rollout([SLOW] * 4, torques=np.ones((4, 3, 2)), signals=['alpha'], decimation=99)"
     ),
     "kernel benchmark": "_engine.kernel_benchmark(1, 10**15)",
-    "environment benchmark": ("_engine.env_benchmark(_engine.default_config_json('slew'), 10**12)"),
+    "environment benchmark": ("_engine.env_benchmark(_engine.Config('slew', None, None), 10**12)"),
     "batch benchmark": (
-        "_engine.batch_benchmark(_engine.default_config_json('slew'), 64, 10**12, 2)"
+        "_engine.batch_benchmark(_engine.Config('slew', None, None), 64, 10**12, 2)"
     ),
     "scenarios": (
-        "_engine.sample_scenarios(_engine.default_config_json('slew'), [b'1'] * 2_000_000)"
+        "_engine.sample_scenarios(_engine.Config('slew', None, None), [b'1'] * 2_000_000)"
     ),
 }
 

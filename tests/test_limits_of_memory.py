@@ -21,7 +21,7 @@ import drm_env
 from drm_env import _engine
 
 ID = "drm_env/Slew-v0"
-config = _engine.default_config_json("slew")
+config = _engine.Config("slew", None, None)
 
 def refused(call):
     try:

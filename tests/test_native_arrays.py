@@ -199,7 +199,7 @@ def test_every_byte_but_zero_is_true() -> None:
 
 
 def test_flags_are_zero_or_one_in_arrays_that_held_other_bytes() -> None:
-    engine = _engine.Batch(_engine.default_config_json("slew"), 4, "next_step", 1, None)
+    engine = _engine.Batch(_engine.Config("slew", None, None), 4, "next_step", 1, None)
     size = engine.observation_size
     observations = np.zeros((4, size), np.float32)
     engine.reset([bytes([i]) for i in range(4)], [None] * 4, None, observations)

@@ -39,6 +39,7 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "layout": lambda **o: observation_layout(**o),
     "sample": lambda **o: drm_env.sample_scenarios(n=1, **o),
     "rollout": lambda **o: drm_env.rollout([{}], **o),
+    "resolve": lambda **o: drm_env.resolve(ID, **o),
 }
 
 

@@ -15,7 +15,7 @@ import pytest
 import drm_env
 from drm_env import _engine
 
-CONFIG = _engine.default_config_json("slew")
+CONFIG = _engine.Config("slew", None, None)
 PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
@@ -66,7 +66,7 @@ DOORS = {
     "make_vec": "import gymnasium as gym; gym.make_vec(ID, num_envs=64, num_threads=N)",
     "make_sb3_vec": "from drm_env.sb3 import make_sb3_vec; make_sb3_vec(ID, 64, num_threads=N)",
     "rollout": "drm_env.rollout([{'horizon': 1.0}] * 64, 'linear', num_threads=N)",
-    "batch benchmark": "_engine.batch_benchmark(_engine.default_config_json('slew'), 64, 3, N)",
+    "batch benchmark": "_engine.batch_benchmark(_engine.Config('slew', None, None), 64, 3, N)",
 }
 
 

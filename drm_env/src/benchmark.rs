@@ -1,10 +1,9 @@
 //! Timed runs of the engine's own code, without Python around it.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use crate::batch::{Autoreset, Batch, StepBuffers};
-use crate::config::EnvConfig;
+use crate::config::ValidConfig;
 use crate::config::parameter::Overrides;
 use crate::config::scenario::Scenario;
 use crate::env::Env;
@@ -168,8 +167,8 @@ const STEPS_BETWEEN_POLLS: usize = 64;
 ///
 /// # Errors
 /// A configuration that cannot be flown.
-pub fn environment(config: &Arc<EnvConfig>, steps: usize) -> Result<f64, Error> {
-    let mut env = Env::new(Arc::clone(config))?;
+pub fn environment(config: &ValidConfig, steps: usize) -> Result<f64, Error> {
+    let mut env = Env::new(config.clone())?;
     let none = Overrides::new();
     env.reset(Some(Seed::default()), &none)?;
     let action = vec![0.01; config.task.actuators.len()];
@@ -192,12 +191,12 @@ pub fn environment(config: &Arc<EnvConfig>, steps: usize) -> Result<f64, Error> 
 /// # Errors
 /// A configuration that cannot be flown.
 pub fn batch(
-    config: &Arc<EnvConfig>,
+    config: &ValidConfig,
     count: usize,
     steps: usize,
     threads: Option<usize>,
 ) -> Result<f64, Error> {
-    let mut batch = Batch::new(Arc::clone(config), count, Autoreset::SameStep, threads)?;
+    let mut batch = Batch::new(config.clone(), count, Autoreset::SameStep, threads)?;
     let seeds: Vec<Option<Seed>> = (0..count as u64)
         .map(|seed| Some(Seed::from_u64(seed)))
         .collect();

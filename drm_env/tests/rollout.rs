@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use drm_env::config::parameter::Overrides;
-use drm_env::config::{Actuator, EnvConfig};
+use drm_env::config::{Actuator, EnvConfig, ValidConfig};
 use drm_env::control::Law;
 use drm_env::control::mlp::{Activation, Layer, Network, Output, Scratch};
 use drm_env::env::sample_scenarios;
@@ -225,9 +225,10 @@ fn a_network_flies_the_episodes_that_stepping_an_environment_makes() {
         scenarios[5].plant = PlantModel::Consistent;
         scenarios[6].integrator_step = 4e-4;
         let network = network_for(&config);
+        let held = ValidConfig::new(config.clone()).unwrap();
         let controller = Controller::Network {
             network: &network,
-            config: &config,
+            config: &held,
         };
         let recording = every_signal(3).unwrap();
         let mut first = None;
@@ -270,7 +271,14 @@ fn a_network_flies_the_episodes_that_stepping_an_environment_makes() {
 }
 
 fn refusal(config: &EnvConfig, network: &Network, scenarios: &[Scenario]) -> String {
-    let controller = Controller::Network { network, config };
+    let config = match ValidConfig::new(config.clone()) {
+        Ok(held) => held,
+        Err(error) => return error.to_string(),
+    };
+    let controller = Controller::Network {
+        network,
+        config: &config,
+    };
     let mut asked = 0;
     let result = fly(
         scenarios,
@@ -288,7 +296,7 @@ fn refusal(config: &EnvConfig, network: &Network, scenarios: &[Scenario]) -> Str
 
 #[test]
 fn what_does_not_fit_the_task_is_refused() {
-    let config = EnvConfig::preset("slew").unwrap();
+    let config = ValidConfig::resolve("slew", None, None).unwrap();
     let size = drm_env::env::observation::observation_size(&config);
     let good = [config.scenario; 3];
     assert_eq!(
@@ -370,7 +378,7 @@ fn recordings_that_cannot_be_kept_are_refused() {
 
 #[test]
 fn an_interruption_ends_the_work() {
-    let config = EnvConfig::preset("slew_residual").unwrap();
+    let config = ValidConfig::resolve("slew_residual", None, None).unwrap();
     let network = network_for(&config);
     let scenarios = vec![config.scenario; 4000];
     let seeds = vec![Seed::default(); 4000];
@@ -399,7 +407,7 @@ fn an_interruption_ends_the_work() {
 
 #[test]
 fn a_policy_that_is_not_a_number_is_named() {
-    let config = EnvConfig::preset("slew").unwrap();
+    let config = ValidConfig::resolve("slew", None, None).unwrap();
     let size = drm_env::env::observation::observation_size(&config);
     // f32::MAX^9 is beyond double precision; infinite sums of both signs are not a number
     let widen = |inputs: usize, sign: f32| Layer {

@@ -6,7 +6,7 @@ use drm_env::analysis::transitions::Transitions;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::config::distribution::Setting;
 use drm_env::config::parameter::{COUNT, Overrides, PARAMETERS};
-use drm_env::config::{EnvConfig, Limits};
+use drm_env::config::{EnvConfig, Limits, ValidConfig};
 use drm_env::control::Law;
 use drm_env::control::mlp::{Activation, Layer, Network, Output};
 use drm_env::math::rng::Seed;
@@ -200,9 +200,10 @@ fn networks_end_at_the_limits_whatever_their_tasks() {
         biases: vec![0.0; 2],
     };
     let network = Network::new(&[layer], Activation::Tanh, Output::Clip).expect("it is one");
+    let held = ValidConfig::new(config.clone()).expect("it can be flown");
     let controller = Controller::Network {
         network: &network,
-        config: &config,
+        config: &held,
     };
     let seeds = [Seed::from_u64(0); 2];
     let scenarios = [runaway(); 2];

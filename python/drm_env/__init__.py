@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as _gym
 
 from drm_env._engine import load as _load
+from drm_env._engine import task_names as _task_names
 
 # here, where a signal that comes between is raised like everywhere else
 _load()
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
     from drm_env.model import Model
     from drm_env.network import Network
     from drm_env.observation import ObservationEntry, observation_layout
+    from drm_env.resolution import resolve
+    from drm_env.resolved import ResolvedConfig
     from drm_env.simulation import Rollout, Trajectory, rollout, sample_scenarios, simulate
     from drm_env.transition import Transitions, transitions
     from drm_env.vector import DrmVectorEnv
@@ -76,6 +79,7 @@ __all__ = [
     "Normal",
     "ObservationEntry",
     "ResetNeededError",
+    "ResolvedConfig",
     "Rollout",
     "Scenario",
     "SimulationError",
@@ -91,6 +95,7 @@ __all__ = [
     "info_metrics",
     "observation_layout",
     "option_names",
+    "resolve",
     "rollout",
     "sample_scenarios",
     "simulate",
@@ -120,6 +125,8 @@ _HOMES = {
     "model": ["Model"],
     "network": ["Network"],
     "observation": ["ObservationEntry", "observation_layout"],
+    "resolution": ["resolve"],
+    "resolved": ["ResolvedConfig"],
     "simulation": ["Rollout", "Trajectory", "rollout", "sample_scenarios", "simulate"],
     "transition": ["Transitions", "transitions"],
     "vector": ["DrmVectorEnv"],
@@ -144,12 +151,8 @@ def __dir__() -> list[str]:
 
 def _register() -> None:
     # No step limit is registered: the horizon is an option, and the environment truncates there.
-    for name, task in (
-        ("Slew", "slew"),
-        ("SlewResidual", "slew_residual"),
-        ("SlewThesis", "slew_thesis"),
-        ("SlewDirect", "slew_direct"),
-    ):
+    for task in _task_names():
+        name = "".join(word.capitalize() for word in task.split("_"))
         _gym.register(
             id=f"drm_env/{name}-v0",
             entry_point="drm_env.env:DrmEnv",

@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from drm_env import _engine
@@ -47,30 +46,6 @@ _FLOAT32 = np.dtype(np.float32)
 def own_metadata(control_period: float) -> dict[str, Any]:
     """Metadata of an environment whose frames, one a step, shall play in real time."""
     return {**METADATA, "render_fps": max(1, round(1.0 / control_period))}
-
-
-def action_box(size: int) -> gym.spaces.Box[np.float32]:
-    """The symmetric action space of ``size`` actuators."""
-    return gym.spaces.Box(-1.0, 1.0, (size,), np.float32)
-
-
-def observation_box(
-    low: NDArray[np.float32], high: NDArray[np.float32]
-) -> gym.spaces.Box[np.float32]:
-    """The observation space between two arrays of shape (n,)."""
-    return gym.spaces.Box(low, high, dtype=np.float32)
-
-
-def batch_box(single: gym.spaces.Box[np.float32], num_envs: int) -> gym.spaces.Box[np.float32]:
-    """The space of ``num_envs`` values of a space, whose bounds are views of its bounds.
-
-    Gymnasium copies the bounds for each sub-environment, a good part of what a resting one takes.
-    """
-    # a box makes a box, which its annotation does not say
-    batch: gym.spaces.Box[np.float32] = batch_space(single, num_envs)  # type: ignore[assignment]
-    for name in ("low", "high", "bounded_below", "bounded_above"):
-        setattr(batch, name, np.broadcast_to(getattr(single, name), batch.shape))
-    return batch
 
 
 def convert_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:

@@ -9,7 +9,15 @@ from numpy import bool_, float32, float64, uint8
 from numpy.typing import NDArray
 
 __all__ = [
+    "COORDINATES",
+    "LARGEST_IDENTIFIED_ERROR",
+    "LAW_MEMORY",
+    "LAW_PERIOD",
+    "SCHEDULED_EXTENSION_SCALE",
+    "SCHEDULED_MASS_SCALE",
+    "SLOWEST_IDENTIFICATION",
     "Batch",
+    "Config",
     "Env",
     "Law",
     "Model",
@@ -18,25 +26,63 @@ __all__ = [
     "batch_benchmark",
     "check_memory",
     "context_names",
-    "default_config_json",
+    "distribution_names",
     "env_benchmark",
+    "fine_scales",
     "instructions",
     "kernel_benchmark",
+    "law_names",
     "load",
     "measurement_names",
     "metric_names",
-    "observation_layout",
     "option_names_json",
     "panic_after_parts",
-    "resolve_config",
+    "payload_inertias",
     "reward_names",
     "rollout",
     "sample_scenarios",
     "schema_json",
     "signal_names",
     "simulate",
+    "table_2_7",
+    "task_names",
     "transitions",
 ]
+
+COORDINATES: Final[int]
+"""
+Columns of the coordinates of a batch.
+"""
+
+LARGEST_IDENTIFIED_ERROR: Final[float]
+"""
+Largest mass error that is taken for one.
+"""
+
+LAW_MEMORY: Final[int]
+"""
+Numbers that a law remembers.
+"""
+
+LAW_PERIOD: Final[float]
+"""
+Sampling period that the thesis' gains were chosen for, s.
+"""
+
+SCHEDULED_EXTENSION_SCALE: Final[float]
+"""
+Extension that the scheduled law divides by, m.
+"""
+
+SCHEDULED_MASS_SCALE: Final[float]
+"""
+Mass that the scheduled law divides by, kg.
+"""
+
+SLOWEST_IDENTIFICATION: Final[float]
+"""
+Slew rate below which a payload is not identified, rad/s.
+"""
 
 __version__: Final[str]
 
@@ -48,7 +94,7 @@ class Batch:
     def __new__(
         cls,
         /,
-        config: str,
+        config: Config,
         num_envs: SupportsIndex,
         autoreset: str,
         num_threads: SupportsIndex | None,
@@ -175,11 +221,64 @@ class Batch:
         """
 
 @final
+class Config:
+    """
+    A complete configuration that has been checked; it never changes.
+    """
+    def __new__(cls, /, task: str, config: str | None, options: str | None) -> Config:
+        """
+        A task's defaults, overlaid with parts of a configuration and then with flat options, both as
+        JSON text.
+        """
+    @property
+    def action_size(self, /) -> int:
+        """
+        Entries of an action.
+        """
+    def context(self, /) -> list[float]:
+        """
+        Parameters of the manoeuvre as far as it is not drawn, in the order of `context_names`.
+        """
+    @property
+    def control_period(self, /) -> float:
+        """
+        Time between two actions, s.
+        """
+    @property
+    def drawn(self, /) -> list[str]:
+        """
+        Flat names of the parameters that are drawn for each episode.
+        """
+    @property
+    def horizon(self, /) -> float:
+        """
+        Duration of an episode that is not cut short, s.
+        """
+    @property
+    def horizon_steps(self, /) -> int:
+        """
+        Actions in an episode that is not cut short.
+        """
+    def observation_layout(self, /) -> list[tuple[str, str, float, float, float]]:
+        """
+        Name, unit, scale, lower and upper bound of each entry of the observation, in order.
+        """
+    @property
+    def sample_period(self, /) -> float:
+        """
+        Period of laws, sensors and metrics, s.
+        """
+    def to_json(self, /) -> str:
+        """
+        JSON text with every field.
+        """
+
+@final
 class Env:
     """
     One environment; see the class of the same name in the Python package.
     """
-    def __new__(cls, /, config: str) -> Env: ...
+    def __new__(cls, /, config: Config) -> Env: ...
     @property
     def action_size(self, /) -> int:
         """
@@ -256,7 +355,7 @@ class Law:
     """
     A control law flown once a control period.
     """
-    def __new__(cls, /, law: str, config: str) -> Law: ...
+    def __new__(cls, /, law: str, config: Config) -> Law: ...
     @property
     def control_period(self, /) -> float:
         """
@@ -390,7 +489,7 @@ class Network:
         """
 
 def batch_benchmark(
-    config: str, num_envs: SupportsIndex, steps: SupportsIndex, num_threads: SupportsIndex | None
+    config: Config, num_envs: SupportsIndex, steps: SupportsIndex, num_threads: SupportsIndex | None
 ) -> float:
     """
     Seconds that a batch takes for `steps` control periods, automatic resets included.
@@ -407,14 +506,20 @@ def context_names() -> list[str]:
     Flat names of the scenario's parameters, in the order of every context.
     """
 
-def default_config_json(task: str) -> str:
+def distribution_names() -> list[str]:
     """
-    The configuration behind a task's name, as complete JSON text.
+    Names of the distributions in their data form.
     """
 
-def env_benchmark(config: str, steps: SupportsIndex) -> float:
+def env_benchmark(config: Config, steps: SupportsIndex) -> float:
     """
     Seconds that a single environment takes for `steps` control periods, resets included.
+    """
+
+def fine_scales() -> list[tuple[str, float]]:
+    """
+    x0 of the compressed entries `..._fine` of an observation, asinh(x / x0), by the name of x, in its
+    unit.
     """
 
 def instructions() -> tuple[str, list[int]]:
@@ -427,6 +532,11 @@ def kernel_benchmark(lanes: SupportsIndex, steps: SupportsIndex) -> tuple[float,
     Nanoseconds per Runge-Kutta step of 0.5 ms and environment of the thesis plant along the thesis
     manoeuvre on the calling thread, over at least `steps` steps, and the lanes that were side by side:
     1 is the way of a single environment, 0 the widest that the processor has.
+    """
+
+def law_names() -> list[str]:
+    """
+    Names of the control laws.
     """
 
 def load() -> None:
@@ -445,11 +555,6 @@ def metric_names() -> list[str]:
     Names of the metrics, in the order of every list of them.
     """
 
-def observation_layout(config: str) -> list[tuple[str, str, float, float, float]]:
-    """
-    Name, unit, scale, lower and upper bound of each entry of the observation, in order.
-    """
-
 def option_names_json() -> str:
     """
     Every flat option as JSON text: name -> path, unit, randomizable, description.
@@ -460,10 +565,9 @@ def panic_after_parts(parts: SupportsIndex) -> None:
     Lets a part of a later call of any batch panic, after so many others; for tests of what is left then.
     """
 
-def resolve_config(task: str, config: str | None, options: str) -> str:
+def payload_inertias() -> list[str]:
     """
-    A preset, overlaid with parts of a configuration and then with flat options, as complete JSON
-    text.
+    Names of the moments of inertia of a payload; a context holds the position.
     """
 
 def reward_names() -> list[str]:
@@ -474,7 +578,7 @@ def reward_names() -> list[str]:
 def rollout(
     scenarios: SupportsGetItem[int, str],
     pilot: tuple[
-        str | None, tuple[Network, str] | None, tuple[NDArray[float64], SupportsIndex] | None
+        str | None, tuple[Network, Config] | None, tuple[NDArray[float64], SupportsIndex] | None
     ],
     seeds: SupportsGetItem[int, bytes | bytearray],
     num_threads: SupportsIndex | None,
@@ -483,14 +587,13 @@ def rollout(
     every: SupportsIndex,
 ) -> tuple[NDArray[float64], list[tuple[str, NDArray[float64]]]]:
     """
-    Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration
-    (as JSON text), or under torques (N m; each row, of root and tip wheel, is held for so many
-    samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
+    Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
+    under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
     `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
     and is raised here.
     """
 
-def sample_scenarios(config: str, seeds: SupportsGetItem[int, bytes | bytearray]) -> str:
+def sample_scenarios(config: Config, seeds: SupportsGetItem[int, bytes | bytearray]) -> str:
     """
     The manoeuvres that environments fly in the first episode of each seed, as a JSON list.
     """
@@ -510,6 +613,16 @@ def simulate(
 ) -> tuple[list[tuple[str, NDArray[float64]]], list[tuple[str, float]]]:
     """
     Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
+    """
+
+def table_2_7() -> list[tuple[float, float, float]]:
+    """
+    Mass (kg), length and width (m) of the payloads of Table 2-7, the lightest first, after none.
+    """
+
+def task_names() -> list[str]:
+    """
+    Names of the tasks that have defaults.
     """
 
 def transitions(scenario: str, hold: SupportsIndex) -> tuple[int, int, list[NDArray[float64]]]:

@@ -14,45 +14,36 @@ import math
 import numbers
 import os
 import tomllib
-import types
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import (
-    TYPE_CHECKING,
-    Annotated,
-    Any,
-    Literal,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 
 from drm_env import _engine
 from drm_env.distributions import distribution_to_data
 from drm_env.errors import ConfigError, UnknownOptionError
+from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
     from drm_env._config import EnvConfig
 
 __all__ = [
     "ConfigLike",
-    "config_from_json",
     "default_config",
     "flat_options",
     "option_names",
     "options_to_data",
-    "resolve",
+    "resolve_options",
     "to_data",
 ]
 
-ConfigLike = Union["EnvConfig", Mapping[str, Any], str, os.PathLike[str], None]
-"""What ``config=`` takes: an `EnvConfig`, its dict, or a path to a JSON or TOML file."""
+ConfigLike = Union["EnvConfig", ResolvedConfig, Mapping[str, Any], str, os.PathLike[str], None]
+"""What ``config=`` takes: an `EnvConfig`, its dict, a path to a JSON or TOML file, or a
+`ResolvedConfig`, which is not checked again."""
 
 
 def option_names() -> dict[str, dict[str, Any]]:
@@ -136,6 +127,8 @@ def _data(value: Any, path: str, level: int) -> Any:
         raise ConfigError(f"{name} is nested more than {_DEEPEST} levels deep")
     if isinstance(value, Enum):
         return _data(value.value, path, level + 1)
+    if isinstance(value, ResolvedConfig):
+        return value.to_dict()
     if value is None or isinstance(value, (bool, str)):
         return value
     if isinstance(value, (numbers.Number, np.generic, decimal.Decimal)):
@@ -234,7 +227,7 @@ def options_to_data(options: Mapping[str, Any]) -> dict[str, Any]:
     UnknownOptionError
         an unknown name.
     ConfigError
-        a value without a JSON form. Impossible values are found by the engine, see `resolve`.
+        a value without a JSON form. The engine finds impossible values, see `resolve_options`.
     """
     check_names(options, known_options())
     drawn = randomizable()
@@ -300,6 +293,8 @@ def config_to_json(config: ConfigLike) -> str | None:
     """
     if config is None:
         return None
+    if isinstance(config, ResolvedConfig):
+        return config.to_json()
     if isinstance(config, (str, os.PathLike)):
         content = _read_file(Path(config))
         if not isinstance(content, dict):
@@ -313,15 +308,16 @@ def config_to_json(config: ConfigLike) -> str | None:
     return json.dumps(data)
 
 
-def resolve(task: str, config: ConfigLike, options: Mapping[str, Any]) -> str:
-    """Complete, validated configuration as JSON text.
+def resolve_options(task: str, config: ConfigLike, options: Mapping[str, Any]) -> ResolvedConfig:
+    """The complete, checked configuration that a task's defaults, ``config`` and options make.
 
     Parameters
     ----------
     task
         ``"slew"``, ``"slew_residual"``, ``"slew_thesis"`` or ``"slew_direct"``: the defaults.
     config
-        what replaces defaults; may be partial.
+        what replaces defaults; may be partial. A `ResolvedConfig` is complete, and without options
+        it is what is returned.
     options
         keyword options, which win over ``config``.
 
@@ -335,7 +331,9 @@ def resolve(task: str, config: ConfigLike, options: Mapping[str, Any]) -> str:
     if not isinstance(task, str):
         raise ConfigError(f"task must be text, got {task!r}")
     data = options_to_data(options)
-    return _engine.resolve_config(task, config_to_json(config), json.dumps(data))
+    if isinstance(config, ResolvedConfig) and not data and task in _engine.task_names():
+        return config
+    return ResolvedConfig(_engine.Config(task, config_to_json(config), json.dumps(data)))
 
 
 def default_config(task: str = "slew") -> EnvConfig:
@@ -346,57 +344,4 @@ def default_config(task: str = "slew") -> EnvConfig:
     ConfigError
         unknown task.
     """
-    return config_from_json(_engine.default_config_json(task))
-
-
-def config_from_json(text: str) -> EnvConfig:
-    """The `EnvConfig` of complete JSON text, as `resolve` returns it."""
-    from drm_env._config import EnvConfig
-
-    config: EnvConfig = _convert(EnvConfig, json.loads(text))
-    return config
-
-
-@cache
-def _hints(kind: type[Any]) -> dict[str, Any]:
-    return get_type_hints(kind)
-
-
-def _convert(kind: Any, data: Any) -> Any:
-    """JSON data as what an annotation asks for; lists become tuples, like the defaults."""
-    origin = get_origin(kind)
-    if origin is Annotated:
-        return _convert(get_args(kind)[0], data)
-    if origin in (Union, types.UnionType):
-        return _convert_union(get_args(kind), data)
-    if isinstance(data, dict) and dataclasses.is_dataclass(kind):
-        # `is_dataclass` also admits instances, which no annotation is
-        hints = _hints(kind)  # type: ignore[arg-type]
-        fields = {name: _convert(hints[name], item) for name, item in data.items()}
-        return kind(**fields)  # type: ignore[operator]
-    if isinstance(data, list) and origin is Sequence:
-        (item_kind,) = get_args(kind)
-        return tuple(_convert(item_kind, item) for item in data)
-    if isinstance(data, list) and origin is tuple:
-        kinds = get_args(kind)
-        return tuple(_convert(part, item) for part, item in zip(kinds, data, strict=True))
-    return data
-
-
-def _convert_union(kinds: tuple[Any, ...], data: Any) -> Any:
-    """The first member of a union that the data fits."""
-    for kind in kinds:
-        if isinstance(data, dict) and dataclasses.is_dataclass(kind) and _fits(kind, data):
-            return _convert(kind, data)
-        if isinstance(data, list) and get_origin(kind) is Sequence:
-            return _convert(kind, data)
-    return data
-
-
-def _fits(kind: Any, data: dict[str, Any]) -> bool:
-    """Whether a dataclass has these fields, and its ``Literal`` ones these values."""
-    hints = _hints(kind)
-    return all(
-        name in hints and (get_origin(hints[name]) is not Literal or item in get_args(hints[name]))
-        for name, item in data.items()
-    )
+    return resolve_options(task, None, {}).config

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import operator
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -21,18 +20,17 @@ from drm_env._common import (
     REPORT_KEYS,
     ClosedEngine,
     OptionsAreNoAttributes,
-    action_box,
     context_info,
     convert_action,
     json_spec,
-    observation_box,
     own_metadata,
     refuse_option,
     seed_bytes,
 )
-from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
+from drm_env._spaces import ObservationEntry
+from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError
-from drm_env.observation import ObservationEntry, bounds, layout_of
+from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -155,7 +153,7 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     task : str
         The defaults: ``"slew"``, ``"slew_residual"``, ``"slew_thesis"`` or ``"slew_direct"``, the
         tasks behind ``drm_env/Slew-v0``, ``SlewResidual-v0``, ``SlewThesis-v0``, ``SlewDirect-v0``.
-    config : EnvConfig, mapping or path, optional
+    config : EnvConfig, ResolvedConfig, mapping or path, optional
         What replaces defaults; a path to a JSON or TOML file.
     render_mode : str, optional
         ``"rgb_array"``, ``"ansi"``, or ``"human"``: a window if pygame is installed, else text in
@@ -190,13 +188,12 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
                 f"render_mode must be one of {self.metadata['render_modes']} or None, "
                 f"got {render_mode!r}"
             )
-        self._config_json = resolve(task, config, options)
-        self._engine = _engine.Env(self._config_json)
+        self._resolved = resolve_options(task, config, options)
+        self._engine = _engine.Env(self._resolved.held)
         self.render_mode = render_mode
         self.metadata = own_metadata(self.control_period)
-        low, high = bounds(self.observation_layout)
-        self.observation_space = observation_box(low, high)
-        self.action_space = action_box(self._engine.action_size)
+        self.observation_space = self._resolved.observation_space
+        self.action_space = self._resolved.action_space
         self._action_shape = (self._engine.action_size,)
         self._horizon_steps = self._engine.horizon_steps
         self._spec: EnvSpec | None = None
@@ -360,25 +357,30 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
 
     # -- What the environment is -------------------------------------------------------------
 
-    @cached_property
+    @property
     def config(self) -> EnvConfig:
         """The complete configuration. Changing a copy of it does not change the environment."""
-        return config_from_json(self._config_json)
+        return self._resolved.config
 
     @property
     def config_json(self) -> str:
         """The complete configuration as JSON text."""
-        return self._config_json
+        return self._resolved.to_json()
 
-    @cached_property
+    @property
+    def resolved_config(self) -> ResolvedConfig:
+        """The complete configuration as a value that others take as ``config=`` unchecked."""
+        return self._resolved
+
+    @property
     def control_period(self) -> float:
         """Duration of one step, s."""
-        return float(json.loads(self._config_json)["task"]["control_period"])
+        return self._resolved.control_period
 
-    @cached_property
+    @property
     def observation_layout(self) -> tuple[ObservationEntry, ...]:
         """Name, unit, scale and bounds of each entry of the observation, in order."""
-        return layout_of(self._config_json)
+        return self._resolved.observation_layout
 
     # -- The episode -------------------------------------------------------------------------
 
@@ -475,7 +477,7 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         """
         state = state.copy()
         snapshot = state.pop("_snapshot")
-        engine = ClosedEngine() if snapshot is None else _engine.Env(state["_config_json"])
+        engine = ClosedEngine() if snapshot is None else _engine.Env(state["_resolved"].held)
         if snapshot is not None:
             engine.set_state(snapshot)
         self.__dict__.update(state)

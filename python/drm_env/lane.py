@@ -30,6 +30,7 @@ _OF_BATCH = {
     "metadata": "metadata",
     "observation_layout": "observation_layout",
     "render_mode": "render_mode",
+    "resolved_config": "resolved_config",
 }
 """Attributes of a single environment and the names that they have in a batch."""
 

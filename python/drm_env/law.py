@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
-from drm_env.configuration import ConfigLike, resolve
+from drm_env.configuration import ConfigLike, resolve_options
 from drm_env.errors import ConfigError
-from drm_env.observation import layout_of
 from drm_env.simulation import law_json
 
 if TYPE_CHECKING:
@@ -53,9 +52,9 @@ class ControlLaw:
         **options: Unpack[Options],
     ) -> None:
         """Makes the law; see the class for the arguments."""
-        config_json = resolve(task, config, options)
-        self._law = _engine.Law(law_json(law), config_json)
-        layout = layout_of(config_json)
+        resolved = resolve_options(task, config, options)
+        self._law = _engine.Law(law_json(law), resolved.held)
+        layout = resolved.observation_layout
         places = {entry.name: index for index, entry in enumerate(layout)}
         missing = [name for name in self.MEASUREMENTS if name not in places]
         self._missing = missing
@@ -74,7 +73,7 @@ class ControlLaw:
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """The memory of ``n`` laws before their first call, shape (n, 3)."""
-        return np.zeros((n, 3))
+        return np.zeros((n, _engine.LAW_MEMORY))
 
     def measurements(self, observations: ArrayLike) -> NDArray[np.float64]:
         """SI values of the measured outputs and what is known, from observations.

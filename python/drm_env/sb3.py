@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import importlib
 import operator
 import warnings
 from collections.abc import Iterable, Sequence
@@ -11,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import EnvSpec, load_env_creator
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from drm_env._batch import episode_rows
 from drm_env._common import EPISODE_KEYS, OF_BATCH, REWARD_KEYS, OptionsAreNoAttributes
-from drm_env.env import DrmEnv
 from drm_env.errors import ConfigError
 from drm_env.lane import Lane
+from drm_env.resolution import spec_of
 from drm_env.vector import DrmVectorEnv
 
 __all__ = ["DrmSB3VecEnv", "make_sb3_vec"]
@@ -277,7 +276,7 @@ def make_sb3_vec(
         Not an environment of this package, wrappers (which cannot be put around the
         sub-environments of a batch), or an unknown or impossible option.
     """
-    spec = _find(env_id)
+    spec = spec_of(env_id)
     arguments: Any = {**spec.kwargs, **options}
     own = arguments.pop("num_envs", None)
     if n_envs is not None and num_envs is not None:
@@ -308,32 +307,3 @@ def make_sb3_vec(
         venv.seed(operator.index(seed))
         venv.action_space.seed(operator.index(seed))
     return venv
-
-
-def _find(env_id: str | EnvSpec) -> EnvSpec:
-    """The specification behind an id, if it is an environment of this package.
-
-    Raises
-    ------
-    ConfigError
-        Something else.
-    """
-    if isinstance(env_id, EnvSpec):
-        spec = env_id
-    elif isinstance(env_id, str):
-        if ":" in env_id:
-            module, _, env_id = env_id.partition(":")
-            try:
-                importlib.import_module(module)
-            except ImportError as error:
-                raise ConfigError(f"env_id: cannot import {module!r}: {error}") from error
-        spec = gym.spec(env_id)
-    else:
-        raise ConfigError(f"env_id must be an id or an EnvSpec, got {env_id!r}")
-    for entry in (spec.vector_entry_point, spec.entry_point):
-        if isinstance(entry, str):
-            # that of others is not imported
-            entry = load_env_creator(entry) if entry.startswith("drm_env") else None
-        if entry in (DrmVectorEnv, DrmEnv):
-            return spec
-    raise ConfigError(f"env_id must be one of drm_env's environments, got {spec.id!r}")

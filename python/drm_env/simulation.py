@@ -11,9 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
 from drm_env._common import seed_bytes
-from drm_env.configuration import ConfigLike, check_names, known_options, resolve, to_data
+from drm_env.configuration import (
+    ConfigLike,
+    check_names,
+    is_sequence,
+    known_options,
+    resolve_options,
+    to_data,
+)
 from drm_env.errors import ConfigError
 from drm_env.network import Network
+from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -84,8 +92,15 @@ def scenario_json(scenario: Any, name: str = "scenario") -> str:
     Raises
     ------
     ConfigError
-        not a mapping, or a value without a JSON form.
+        not a mapping, a value without a JSON form, or a configuration that draws its manoeuvres.
     """
+    if isinstance(scenario, ResolvedConfig):
+        if scenario.drawn:
+            raise ConfigError(
+                f"{name} must be one manoeuvre, got a configuration that draws "
+                f"{', '.join(scenario.drawn)}; see drm_env.sample_scenarios"
+            )
+        return json.dumps(scenario.to_dict()["scenario"])
     data = to_data({} if scenario is None else scenario)
     if not isinstance(data, dict):
         raise ConfigError(f"{name} must be a mapping or a Scenario, got {type(scenario).__name__}")
@@ -107,13 +122,17 @@ def law_json(law: Any) -> str:
 
 
 def _seeds(seed: Any, n: int) -> list[bytes]:
-    """``seed``, ``seed + 1``, ... as bytes.
+    """``seed``, ``seed + 1``, ... as bytes, or those of a sequence of ``n`` seeds.
 
     Raises
     ------
     ConfigError
-        Not a non-negative integer.
+        Not a non-negative integer, or a sequence of another length.
     """
+    if is_sequence(seed):
+        if len(seed) != n:
+            raise ConfigError(f"seed must be a number or have {n} entries, got {len(seed)}")
+        return [one for each in seed for one in _seeds(each, 1)]
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ConfigError(f"seed must be a non-negative integer, got {seed!r}")
     return [seed_bytes(int(seed) + index) for index in range(n)]
@@ -125,7 +144,7 @@ def _check_decimation(decimation: Any) -> None:
 
 
 def simulate(
-    scenario: Scenario | Mapping[str, Any] | None = None,
+    scenario: Scenario | ResolvedConfig | Mapping[str, Any] | None = None,
     law: LawLike = "none",
     *,
     decimation: int = 1,
@@ -137,7 +156,8 @@ def simulate(
     ----------
     scenario
         any part of a scenario; what is left out has its default (the thesis' standard
-        manoeuvre). ``None`` is all of it.
+        manoeuvre). ``None`` is all of it. A `ResolvedConfig` that draws nothing stands for the
+        manoeuvre in it.
     law
         a name (``"none"``, ``"linear"``, ``"lyapunov"``) or a mapping of its parameters.
     decimation
@@ -256,7 +276,7 @@ def _pilot(
     options: Mapping[str, Any],
 ) -> tuple[
     str | None,
-    tuple[_engine.Network, str] | None,
+    tuple[_engine.Network, _engine.Config] | None,
     tuple[NDArray[np.float64], int] | None,
 ]:
     """What the engine is told of who flies.
@@ -282,12 +302,12 @@ def _pilot(
         raise ConfigError(f"give either law or policy, got the law {law!r} and a policy")
     if not isinstance(policy, Network):
         raise ConfigError(f"policy must be a drm_env.Network, got {type(policy).__name__}")
-    resolved = resolve("slew" if task is None else task, config, options)
-    return None, (policy._engine, resolved), None
+    resolved = resolve_options("slew" if task is None else task, config, options)
+    return None, (policy._engine, resolved.held), None
 
 
 def rollout(
-    scenarios: Sequence[Scenario | Mapping[str, Any]],
+    scenarios: Sequence[Scenario | ResolvedConfig | Mapping[str, Any]],
     law: LawLike | None = None,
     *,
     policy: Network | None = None,
@@ -295,7 +315,7 @@ def rollout(
     hold: int = 1,
     task: str | None = None,
     config: ConfigLike = None,
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     num_threads: int | None = None,
     progress: Callable[[int, int], object] | None = None,
     signals: Sequence[str] | None = None,
@@ -324,7 +344,7 @@ def rollout(
         horizon and (if the policy drives the slew motor) the motor's torque limit of each scenario
         must be those of the task.
     seed
-        of the sensors' noise: scenario i gets ``seed + i``.
+        of the sensors' noise: scenario i gets ``seed + i``, or entry i of a sequence.
     num_threads
         threads; ``None``: one a core. More than there are processors are not made, with a warning.
     progress
@@ -402,6 +422,7 @@ def sample_scenarios(
     if isinstance(n, bool) or not isinstance(n, int) or n < 0:
         raise ConfigError(f"n must be a non-negative integer, got {n!r}")
     _engine.check_memory("n", n, _SCENARIO_BYTES, "a smaller number")
-    text = _engine.sample_scenarios(resolve(task, config, options), _seeds(seed, n))
+    resolved = resolve_options(task, config, options)
+    text = _engine.sample_scenarios(resolved.held, _seeds(seed, n))
     scenarios: list[dict[str, Any]] = json.loads(text)
     return scenarios

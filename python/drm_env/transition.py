@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drm_env._config import Scenario
+    from drm_env.resolved import ResolvedConfig
 
 __all__ = ["Transitions", "transitions"]
 
@@ -50,7 +51,7 @@ class Transitions(NamedTuple):
 
 
 def transitions(
-    scenario: Scenario | Mapping[str, Any] | None = None, *, hold: int = 10
+    scenario: Scenario | ResolvedConfig | Mapping[str, Any] | None = None, *, hold: int = 10
 ) -> Transitions:
     """Linearises a manoeuvre about its reference, from one instant to the next.
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import operator
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -34,20 +32,18 @@ from drm_env._common import (
     REWARD_KEYS,
     ClosedEngine,
     OptionsAreNoAttributes,
-    action_box,
-    batch_box,
     convert_action,
     json_spec,
-    observation_box,
     own_metadata,
     seed_bytes,
     step_limit,
 )
 from drm_env._contexts import Contexts
-from drm_env.configuration import ConfigLike, config_from_json, flat_options, resolve
+from drm_env._spaces import ObservationEntry, batch_box
+from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError, ResetNeededError
 from drm_env.lane import Lane
-from drm_env.observation import ObservationEntry, bounds, layout_of
+from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -149,7 +145,7 @@ class DrmVectorEnv(
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.copy = bool(copy)
-        self._config_json = resolve(task, config, options)
+        self._resolved = resolve_options(task, config, options)
         self.metadata = {
             **own_metadata(self.control_period),
             "render_modes": _RENDER_MODES,
@@ -157,14 +153,13 @@ class DrmVectorEnv(
         }
         limit = None if max_episode_steps == -1 else max_episode_steps
         self._arguments = (num_envs, _MODES[self.autoreset_mode], num_threads, limit)
-        self._engine = _engine.Batch(self._config_json, *self._arguments)
+        self._engine = _engine.Batch(self._resolved.held, *self._arguments)
         self._episode_steps = step_limit(limit, self._engine.horizon_steps)
         self._cut = self._episode_steps < self._engine.horizon_steps
         self._observation_size = self._engine.observation_size
 
-        low, high = bounds(self.observation_layout)
-        self.single_observation_space = observation_box(low, high)
-        self.single_action_space = action_box(self._engine.action_size)
+        self.single_observation_space = self._resolved.observation_space
+        self.single_action_space = self._resolved.action_space
         self.observation_space = batch_box(self.single_observation_space, num_envs)
         self.action_space = batch_box(self.single_action_space, num_envs)
         self._action_shape = (num_envs, self._engine.action_size)
@@ -359,7 +354,7 @@ class DrmVectorEnv(
         their rates: the coordinates of the thesis plant; of the consistent plant the same
         deflections. For teachers, critics and estimators that may know more than a policy does.
         """
-        rows = np.empty((self.num_envs, 6))
+        rows = np.empty((self.num_envs, _engine.COORDINATES))
         self._engine.coordinates(rows)
         return rows
 
@@ -431,25 +426,30 @@ class DrmVectorEnv(
 
     # -- What the environment is -------------------------------------------------------------
 
-    @cached_property
+    @property
     def config(self) -> EnvConfig:
         """The complete configuration. Changing a copy of it does not change the environment."""
-        return config_from_json(self._config_json)
+        return self._resolved.config
 
     @property
     def config_json(self) -> str:
         """The complete configuration as JSON text."""
-        return self._config_json
+        return self._resolved.to_json()
 
-    @cached_property
+    @property
+    def resolved_config(self) -> ResolvedConfig:
+        """The complete configuration as a value that others take as ``config=`` unchecked."""
+        return self._resolved
+
+    @property
     def control_period(self) -> float:
         """Duration of one step, s."""
-        return float(json.loads(self._config_json)["task"]["control_period"])
+        return self._resolved.control_period
 
-    @cached_property
+    @property
     def observation_layout(self) -> tuple[ObservationEntry, ...]:
         """Name, unit, scale and bounds of each entry of the observation, in order."""
-        return layout_of(self._config_json)
+        return self._resolved.observation_layout
 
     @property
     # a tuple as SyncVectorEnv's, where the base class says int
@@ -568,5 +568,5 @@ class DrmVectorEnv(
         if snapshot is None:
             self._engine = ClosedEngine()  # type: ignore[assignment]
         else:
-            self._engine = _engine.Batch(self._config_json, *self._arguments)
+            self._engine = _engine.Batch(self._resolved.held, *self._arguments)
             self.set_state(snapshot)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +9,22 @@ import gymnasium as gym
 
 import drm_env
 from drm_baselines.errors import BaselineError
+
+
+def resolved_config(env_id: str, options: Mapping[str, Any]) -> drm_env.ResolvedConfig:
+    """Return the checked configuration of an environment id with keyword options.
+
+    Raises
+    ------
+    BaselineError
+        No such id among drm-env's.
+    drm_env.ConfigError
+        An unknown or impossible option.
+    """
+    known = known_ids()
+    if env_id not in known:
+        raise BaselineError(f"no environment {env_id!r}; there are {', '.join(known)}")
+    return drm_env.resolve(env_id, **options)
 
 
 def environment_config(env_id: str, options: Mapping[str, Any]) -> drm_env.EnvConfig:
@@ -22,25 +37,12 @@ def environment_config(env_id: str, options: Mapping[str, Any]) -> drm_env.EnvCo
     drm_env.ConfigError
         An unknown or impossible option.
     """
-    known = known_ids()
-    if env_id not in known:
-        raise BaselineError(f"no environment {env_id!r}; there are {', '.join(known)}")
-    defaults = dict(gym.spec(env_id).kwargs)
-    env = drm_env.DrmEnv(**{**defaults, **options})
-    try:
-        return env.config
-    finally:
-        env.close()
+    return resolved_config(env_id, options).config
 
 
-def config_data(config: drm_env.EnvConfig) -> dict[str, Any]:
+def config_data(config: drm_env.EnvConfig | drm_env.ResolvedConfig) -> dict[str, Any]:
     """Return a configuration as plain data, in the form that configuration files have."""
-    env = drm_env.DrmEnv(config=config)
-    try:
-        data: dict[str, Any] = json.loads(env.config_json)
-        return data
-    finally:
-        env.close()
+    return drm_env.resolve(config=config).to_dict()
 
 
 def known_ids() -> list[str]:
@@ -49,7 +51,7 @@ def known_ids() -> list[str]:
 
 
 def scenarios_of(
-    env_id: str, config: drm_env.EnvConfig, seed: int, episodes: int
+    env_id: str, config: drm_env.EnvConfig | drm_env.ResolvedConfig, seed: int, episodes: int
 ) -> list[dict[str, Any]]:
     """Return the scenarios that the environment flies with ``seed .. seed + episodes - 1``."""
     return drm_env.sample_scenarios(task_of(env_id), config=config, seed=seed, n=episodes)

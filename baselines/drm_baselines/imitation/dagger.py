@@ -30,7 +30,6 @@ from torch import nn
 
 import drm_env
 from drm_baselines.errors import BaselineError, RunError
-from drm_baselines.evaluation.environments import config_data
 from drm_baselines.imitation.analytic_gradient import (
     Fleet,
     Refinement,
@@ -414,16 +413,12 @@ class _Curve:
 
 def describe(study: Study, points: Sequence[dict[str, float]], finished: bool) -> dict[str, Any]:
     """Return what travels with the weights of a student."""
-    env = drm_env.DrmEnv(config=study.teaching.config(0))
-    try:
-        config = env.config
-    finally:
-        env.close()
+    config = drm_env.resolve(config=study.teaching.config(0))
     return {
         "env_id": "drm_env/SlewResidual-v0",
-        "config": config_data(config),
-        "control_period": float(config.task.control_period),
-        "observation_layout": [list(e) for e in drm_env.observation_layout(config=config)],
+        "config": config.to_dict(),
+        "control_period": config.control_period,
+        "observation_layout": [list(entry) for entry in config.observation_layout],
         "training": {
             "algorithm": ALGORITHM,
             "seed": study.seed,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
-from drm_baselines.policies.compatibility import FINE
+from drm_env.constants import FINE_SCALES, LARGEST_IDENTIFIED_ERROR, SLOWEST_IDENTIFICATION
 
 Array = NDArray[np.float32]
 
@@ -27,8 +27,6 @@ _MEASURED = (  # entry, its quantity among the eight, what it is of it
     ("slew_error_rate", 2, 1.0),
     ("link2_deflection_rate", 3, _LINK2),
 )
-# from the environment: slowest slew rate (rad/s) of an identification, largest error
-_TURNING, _LARGEST = 2e-3, 0.5
 
 
 class Slope(NamedTuple):
@@ -63,13 +61,10 @@ class Sensing:
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
-        layout = drm_env.observation_layout(config=config)
-        env = drm_env.DrmEnv(config=config)
-        try:
-            self._arm = env.config.scenario.arm
-            self.history = int(env.config.task.observation_history)
-        finally:
-            env.close()
+        resolved = drm_env.resolve(config=config)
+        layout = resolved.observation_layout
+        self._arm = resolved.config.scenario.arm
+        self.history = int(resolved.config.task.observation_history)
         self.entries = len(layout)
         self._frame = self.entries // self.history
         newest = layout[self.entries - self._frame :]
@@ -104,7 +99,7 @@ class Sensing:
         for name, quantity, share in _MEASURED:
             measured = self.values(observations, name, age)
             put(name, quantity, share)
-            put(f"{name}_fine", quantity, share / np.hypot(measured, FINE[name]))
+            put(f"{name}_fine", quantity, share / np.hypot(measured, FINE_SCALES[name]))
         put("slew_angle", 0, 1.0)
         put("slew_rate", 2, 1.0)
         for i, wheel in enumerate(("root", "tip")):
@@ -135,7 +130,7 @@ class Sensing:
         arm = (
             link1.mass_per_length * link1.length**3 + link2.mass_per_length * (reach**3 - inner**3)
         ) / 3.0
-        turning = np.abs(rate) > _TURNING
-        known = turning & (np.abs(error) < _LARGEST) & (payload > 0.0)
+        turning = np.abs(rate) > SLOWEST_IDENTIFICATION
+        known = turning & (np.abs(error) < LARGEST_IDENTIFIED_ERROR) & (payload > 0.0)
         per_rate = np.divide(1.0, rate * payload, out=np.zeros_like(rate), where=known)
         return -(error * payload + arm + payload) * per_rate, -per_rate

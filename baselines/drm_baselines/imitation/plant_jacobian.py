@@ -23,10 +23,10 @@ from drm_baselines.optimal_control.quadratic_program import (
     linear_feedback,
     torque_limits,
 )
-from drm_baselines.policies.law_policy import LAW_PERIOD
 from drm_baselines.suites import STRATA
 from drm_baselines.support import storage
 from drm_baselines.support.processes import process_pool
+from drm_env.constants import LAW_PERIOD
 
 _FORMAT = "drm-sensitivities 2"
 _CHUNK = 2048  # intervals at a time: what fits into the cache

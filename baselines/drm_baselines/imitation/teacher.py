@@ -25,11 +25,11 @@ from drm_baselines.optimal_control.quadratic_program import (
     torque_limits,
 )
 from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
-from drm_baselines.policies.law_policy import LAW_PERIOD
 from drm_baselines.suites import STRATA, suite_named
 from drm_baselines.support import storage
 from drm_baselines.support.processes import process_pool
 from drm_baselines.support.seeds import TRAINING_SEED
+from drm_env.constants import LAW_PERIOD
 
 PLANS_FORMAT = "drm-teacher-plans 3"
 

@@ -20,15 +20,13 @@ from scipy import linalg, signal
 import drm_env
 from drm_baselines.errors import BaselineError
 from drm_baselines.optimal_control.quadratic_program import torque_limits
-from drm_baselines.policies.law_policy import LAW_PERIOD
+from drm_env.constants import LAW_PERIOD, SCHEDULED_EXTENSION_SCALE, SCHEDULED_MASS_SCALE
 
 MASSES = (50.0, 125.0, 200.0, 350.0, 500.0)
 """Reported masses of the grid, kg: Table 2-7 and between."""
 EXTENSIONS = tuple(float(a) for a in np.linspace(1.0, 8.0, 8))
 """Extensions of the grid, m."""
 
-# Those of the engine's law `scheduled`.
-_MASS_SCALE, _EXTENSION_SCALE = 500.0, 8.0
 _GAINS = ("angle_gain", "rate_gain", "deflection_gain", "deflection_rate_gain")
 
 
@@ -105,7 +103,7 @@ def scheduled_law(weights: Mapping[str, float]) -> dict[str, Any]:
     powers = np.array(
         [
             [
-                (mass / _MASS_SCALE) ** i * (extension / _EXTENSION_SCALE) ** j
+                (mass / SCHEDULED_MASS_SCALE) ** i * (extension / SCHEDULED_EXTENSION_SCALE) ** j
                 for i in range(3)
                 for j in range(4)
             ]

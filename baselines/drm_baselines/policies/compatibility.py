@@ -22,14 +22,7 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.errors import PolicyError, PolicyWarning
-
-FINE = {
-    "slew_error": 1e-5,
-    "slew_error_rate": 1e-5,
-    "link2_deflection": 1e-5,
-    "link2_deflection_rate": 1e-4,
-}
-"""x0 (SI) of the entries ``..._fine`` of an observation, which are asinh(x / x0)."""
+from drm_env.constants import FINE_SCALES
 
 # Rounding of float32 takes less than a hundredth of this from a fine entry, which is of order one.
 _TOLERANCE = 1e-4
@@ -256,11 +249,11 @@ class ObservationCheck:
         for name, index in places.items():
             # an older frame's entries end in @-1, @-2, ...
             parts = re.fullmatch(r"(\w+?)(@-\d+)?", name)
-            if parts is None or parts[1] not in FINE:
+            if parts is None or parts[1] not in FINE_SCALES:
                 continue
             fine = places.get(f"{parts[1]}_fine{parts[2] or ''}")
             if fine is not None:
-                factor = float(layout[index][2]) / FINE[parts[1]]
+                factor = float(layout[index][2]) / FINE_SCALES[parts[1]]
                 pairs.append((index, fine, factor, float(layout[fine][2])))
         self._plain = np.array([pair[0] for pair in pairs], dtype=np.intp)
         self._fine = np.array([pair[1] for pair in pairs], dtype=np.intp)
@@ -349,7 +342,7 @@ def check_trained_task(
             f"was trained on in {env_id} ({len(layout)} entries): make the environment with "
             "config=policy.config"
         )
-    task = drm_env.DrmEnv(config=trained).config.task
+    task = drm_env.resolve(config=trained).config.task
     for name in ("actuators", "inner_law", "wheel_scale"):
         there, found = getattr(task, name), getattr(config.task, name)
         if there != found:

@@ -23,9 +23,8 @@ from drm_baselines.policies.compatibility import (
     check_environment,
     config_of,
 )
-
-LAW_PERIOD = 2e-3
-"""Sampling period that the thesis' gains were chosen for, s."""
+from drm_env.constants import LAW_PERIOD as LAW_PERIOD
+from drm_env.constants import PAYLOAD_INERTIAS
 
 State = tuple[NDArray[np.float64], ...]
 
@@ -49,8 +48,6 @@ _LIMITS = ("root_torque_limit", "tip_torque_limit")
 
 _ARM = ("link1_length", "link2_mass_per_length", "payload_inertia")
 """What the Lyapunov law knows of the arm, by the flat names of the scenario's parameters."""
-
-_INERTIAS = ("full", "slender")  # by their number in the context
 
 _MOST_ARMS = 256
 
@@ -235,7 +232,7 @@ class LawPolicy:
             if len(self._arms) >= _MOST_ARMS:
                 self._arms.clear()
             options: dict[str, Any] = dict(zip(_ARM, arm, strict=True))
-            options["payload_inertia"] = _INERTIAS[int(options["payload_inertia"])]
+            options["payload_inertia"] = PAYLOAD_INERTIAS[int(options["payload_inertia"])]
             self._arms[arm] = drm_env.ControlLaw(self.law, config=self.config, **options)
         return self._arms[arm]
 

@@ -6,13 +6,11 @@ the engine may lack them; then the sections say so and leave their rows out.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-import drm_env
 from drm_baselines.errors import BaselineError
-from drm_env import _engine
+from drm_env import ResolvedConfig, _engine
 
 
 class MissingBenchmarkError(BaselineError):
@@ -45,7 +43,7 @@ def kernel_benchmark(lanes: int, steps: int) -> tuple[float, int]:
     return float(nanoseconds), int(used)
 
 
-def env_benchmark(config_json: str, steps: int) -> float:
+def env_benchmark(config: ResolvedConfig, steps: int) -> float:
     """Return the time of ``steps`` control periods of one environment inside the engine, s.
 
     Raises
@@ -53,10 +51,12 @@ def env_benchmark(config_json: str, steps: int) -> float:
     MissingBenchmarkError
         The engine cannot.
     """
-    return float(_function("env_benchmark")(config_json, steps))
+    return float(_function("env_benchmark")(config.held, steps))
 
 
-def batch_benchmark(config_json: str, num_envs: int, steps: int, num_threads: int | None) -> float:
+def batch_benchmark(
+    config: ResolvedConfig, num_envs: int, steps: int, num_threads: int | None
+) -> float:
     """Return the time of ``steps`` control periods of a batch inside the engine, s.
 
     Raises
@@ -64,19 +64,9 @@ def batch_benchmark(config_json: str, num_envs: int, steps: int, num_threads: in
     MissingBenchmarkError
         The engine cannot.
     """
-    return float(_function("batch_benchmark")(config_json, num_envs, steps, num_threads))
+    return float(_function("batch_benchmark")(config.held, num_envs, steps, num_threads))
 
 
 def available(name: str) -> bool:
     """Return whether the engine has the benchmark ``name``."""
     return hasattr(_engine, name)
-
-
-def config_json(task: str = "slew", options: Mapping[str, Any] | None = None) -> str:
-    """Return the complete configuration of an environment as the text that the engine reads."""
-    env = drm_env.DrmEnv(task=task, **(options or {}))
-    try:
-        # compact: the text crosses into the engine at every measurement
-        return json.dumps(json.loads(env.config_json))
-    finally:
-        env.close()

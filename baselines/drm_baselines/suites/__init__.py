@@ -24,6 +24,7 @@ import drm_env
 from drm_baselines.errors import BaselineError
 from drm_baselines.support import storage
 from drm_baselines.support.seeds import SUITE_SEED
+from drm_env.constants import TABLE_2_7
 
 HORIZON = 30.0
 """Duration of every manoeuvre, s: the longest slew (90 deg in minimum energy) takes 21.7 s."""
@@ -183,7 +184,7 @@ def _thesis_rows() -> list[dict[str, Any]]:
     As in the thesis, length and width are known whatever mass is reported.
     """
     rows = []
-    for mass, length, width in ((50.0, 0.1, 0.1), (200.0, 1.0, 0.5), (500.0, 2.0, 1.0)):
+    for mass, length, width in (TABLE_2_7[number] for number in (1, 2, 4)):
         for direction, start, end in (("out", 1.0, 8.0), ("in", 8.0, 1.0), ("fixed", 4.0, 4.0)):
             for profile in ("min_time", "min_energy"):
                 for smoothing in (0.0, 0.05):

@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
+from drm_env.constants import TABLE_2_7
 
-PAYLOADS: dict[str, tuple[float, float, float]] = {
-    "PNone": (0.0, 0.0, 0.0),
-    "P0": (50.0, 0.10, 0.10),
-    "P1": (200.0, 1.0, 0.5),
-    "P2": (350.0, 1.5, 0.75),
-    "P3": (500.0, 2.0, 1.0),
-}
+PAYLOADS: dict[str, tuple[float, float, float]] = dict(
+    zip(("PNone", "P0", "P1", "P2", "P3"), TABLE_2_7, strict=True)
+)
 """Mass (kg), length along the arm and width (m) of the payloads of table 2-7."""
 
 PAYLOAD_TITLES = {

@@ -232,9 +232,8 @@ def _table_4_1(_: str, key: str) -> float:
 @functools.cache
 def _payload_of_mass(mass: float) -> tuple[float, float, float]:
     """Mass, length and width that an environment gives a payload of that mass."""
-    with drm_env.DrmEnv(task="slew_thesis", payload_mass=mass) as env:
-        _, info = env.reset(seed=0)
-    return mass, float(info["context/payload_length"]), float(info["context/payload_width"])
+    context = drm_env.resolve("drm_env/SlewThesis-v0", payload_mass=mass).context
+    return mass, context["payload_length"], context["payload_width"]
 
 
 _VALUES: dict[str, _Value] = {

@@ -4,9 +4,8 @@ use drm_env::Model as Engine;
 use drm_env::analysis::linearization::{INPUT_NAMES, OUTPUT_NAMES};
 use drm_env::analysis::transitions::Transitions;
 use drm_env::arm::{PayloadInertia, PayloadProperties};
-use drm_env::config::scenario::Scenario;
-use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
-use drm_env::control::{KnownInertia, Law as EngineLaw, LawMemory, Measurement};
+use drm_env::config::{ValidConfig, law_from_json, scenario_from_json};
+use drm_env::control::{KnownInertia, Law as EngineLaw, LawMemory, MEMORY_SIZE, Measurement};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
 use drm_env::plant::Torques;
@@ -18,6 +17,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, Out1, Out2};
+use crate::config::Config;
 use crate::env::scenario_text;
 use crate::error::{Outcome, check_shape, detached, guarded};
 
@@ -197,20 +197,17 @@ pub(crate) fn measurement_names() -> Vec<&'static str> {
 #[pyclass(frozen, module = "drm_env._engine")]
 pub(crate) struct Law {
     law: EngineLaw,
-    scenario: Scenario,
-    control_period: f64,
+    config: ValidConfig,
 }
 
 #[pymethods]
 impl Law {
     #[new]
-    fn new(law: &str, config: &str) -> Outcome<Self> {
+    fn new(law: &str, config: &Config) -> Outcome<Self> {
         guarded(|| {
-            let config = EnvConfig::from_json(config)?;
             Ok::<_, ConfigError>(Self {
                 law: law_from_json(law)?,
-                scenario: config.scenario,
-                control_period: config.task.control_period,
+                config: config.held().clone(),
             })
         })
     }
@@ -218,13 +215,13 @@ impl Law {
     /// Time between two calls, s.
     #[getter]
     fn control_period(&self) -> f64 {
-        self.control_period
+        self.config.task.control_period
     }
 
     /// Torque limits of root and tip wheel, N m.
     #[getter]
     fn torque_limits(&self) -> (f64, f64) {
-        let scenario = &self.scenario;
+        let scenario = &self.config.scenario;
         (
             scenario.root_wheel.torque_limit,
             scenario.tip_wheel.torque_limit,
@@ -245,9 +242,9 @@ impl Law {
             measurements.shape(),
             &[n, MEASUREMENTS.len()],
         )?;
-        check_shape("state", state.shape(), &[n, 3])?;
+        check_shape("state", state.shape(), &[n, MEMORY_SIZE])?;
         let rows = measurements.slice().as_chunks::<{ MEASUREMENTS.len() }>().0;
-        let memories = state.slice().as_chunks::<3>().0;
+        let memories = state.slice().as_chunks::<MEMORY_SIZE>().0;
         let start = start.slice();
         let (torques, memory): (Vec<_>, Vec<_>) = detached(py, || {
             let one = |((row, memory), &start)| {
@@ -261,7 +258,12 @@ impl Law {
 }
 
 impl Law {
-    fn one(&self, row: &[f64; 8], memory: &[f64; 3], start: bool) -> ([f64; 2], [f64; 3]) {
+    fn one(
+        &self,
+        row: &[f64; 8],
+        memory: &[f64; MEMORY_SIZE],
+        start: bool,
+    ) -> ([f64; 2], [f64; MEMORY_SIZE]) {
         let &[
             slew_error,
             slew_error_rate,
@@ -279,9 +281,10 @@ impl Law {
             link2_deflection_rate: deflection_rate,
             extension,
         };
-        let inertia: PayloadInertia = self.scenario.payload.inertia;
+        let scenario = &self.config.scenario;
+        let inertia: PayloadInertia = scenario.payload.inertia;
         let reported = PayloadProperties::new(mass, length, width, inertia);
-        let known = KnownInertia::new(&self.scenario.arm, &reported);
+        let known = KnownInertia::new(&scenario.arm, &reported);
         let mut memory = if start {
             LawMemory::fresh()
         } else {
@@ -291,9 +294,12 @@ impl Law {
                 started: memory[2],
             }
         };
-        let torques = self
-            .law
-            .torques(&measured, &known, &mut memory, self.control_period);
+        let torques = self.law.torques(
+            &measured,
+            &known,
+            &mut memory,
+            self.config.task.control_period,
+        );
         (
             [torques.root, torques.tip],
             [
@@ -369,13 +375,13 @@ pub(crate) fn transitions<'py>(
 #[pyfunction]
 pub(crate) fn sample_scenarios(
     py: Python<'_>,
-    config: &str,
+    config: &Config,
     seeds: Vec<PyBackedBytes>,
 ) -> Outcome<String> {
+    let config = config.held();
     detached(py, || {
-        let config = EnvConfig::from_json(config)?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
-        let scenarios = env::sample_scenarios(&config, &seeds)?;
+        let scenarios = env::sample_scenarios(config, &seeds)?;
         let text = |scenario| {
             interruption::poll();
             scenario_text(scenario)

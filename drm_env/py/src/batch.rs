@@ -1,9 +1,6 @@
 //! Many environments.
 
-use std::sync::Arc;
-
 use drm_env::batch::{Autoreset, Batch as Engine, COORDINATES, Ended, StepBuffers};
-use drm_env::config::EnvConfig;
 use drm_env::config::parameter::{COUNT, Overrides};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
@@ -14,6 +11,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, InOut1, InOut2, Out1, Out2, Out3};
+use crate::config::Config;
 use crate::env::{flight, picture, settings, signals_now};
 use crate::error::{Outcome, check_shape, detached};
 use crate::kept::ScenarioDelta;
@@ -80,13 +78,14 @@ impl Batch {
     #[pyo3(signature = (config, num_envs, autoreset, num_threads, max_steps))]
     fn new(
         py: Python<'_>,
-        config: &str,
+        config: &Config,
         num_envs: Count,
         autoreset: &str,
         num_threads: Option<Count>,
         max_steps: Option<Count>,
     ) -> Outcome<Self> {
         let (num_envs, num_threads) = (num_envs.0, within_processors(py, num_threads)?);
+        let config = config.held();
         detached(py, || {
             let mode = match autoreset {
                 "next_step" => Autoreset::NextStep,
@@ -101,8 +100,7 @@ impl Batch {
                     )));
                 }
             };
-            let config = Arc::new(EnvConfig::from_json(config)?);
-            let mut engine = Engine::new(Arc::clone(&config), num_envs, mode, num_threads)?;
+            let mut engine = Engine::new(config.clone(), num_envs, mode, num_threads)?;
             if let Some(Count(steps)) = max_steps {
                 engine = engine.limited(steps)?;
             }

@@ -1,14 +1,12 @@
 //! Timed runs of the engine without Python around it.
 
-use std::sync::Arc;
-
 use drm_env::benchmark;
-use drm_env::config::EnvConfig;
 use drm_env::error::ConfigError;
 use drm_env::simd::Instructions;
 use pyo3::prelude::*;
 
 use crate::arrays::Count;
+use crate::config::Config;
 use crate::error::{Outcome, detached};
 use crate::threads::within_processors;
 
@@ -29,11 +27,9 @@ pub(crate) fn kernel_benchmark(
 
 /// Seconds that a single environment takes for `steps` control periods, resets included.
 #[pyfunction]
-pub(crate) fn env_benchmark(py: Python<'_>, config: &str, steps: usize) -> Outcome<f64> {
-    detached(py, || {
-        let config = Arc::new(EnvConfig::from_json(config)?);
-        benchmark::environment(&config, steps)
-    })
+pub(crate) fn env_benchmark(py: Python<'_>, config: &Config, steps: usize) -> Outcome<f64> {
+    let config = config.held();
+    detached(py, || benchmark::environment(config, steps))
 }
 
 /// Seconds that a batch takes for `steps` control periods, automatic resets included.
@@ -41,15 +37,14 @@ pub(crate) fn env_benchmark(py: Python<'_>, config: &str, steps: usize) -> Outco
 #[pyo3(signature = (config, num_envs, steps, num_threads))]
 pub(crate) fn batch_benchmark(
     py: Python<'_>,
-    config: &str,
+    config: &Config,
     num_envs: Count,
     steps: usize,
     num_threads: Option<Count>,
 ) -> Outcome<f64> {
-    let num_threads = within_processors(py, num_threads)?;
+    let (config, num_threads) = (config.held(), within_processors(py, num_threads)?);
     detached(py, || {
-        let config = Arc::new(EnvConfig::from_json(config)?);
-        benchmark::batch(&config, num_envs.0, steps, num_threads)
+        benchmark::batch(config, num_envs.0, steps, num_threads)
     })
 }
 

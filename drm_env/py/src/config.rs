@@ -1,32 +1,111 @@
 //! Configuration as text, and the names that go with it.
 
-use drm_env::config::EnvConfig;
 use drm_env::config::options::OPTIONS;
 use drm_env::config::parameter::PARAMETERS;
+use drm_env::config::{EnvConfig, PRESETS, ValidConfig, context};
 use drm_env::env::observation;
 use drm_env::env::reward::REWARD_NAMES;
-use drm_env::error::{ConfigError, Error};
+use drm_env::error::Error;
 use drm_env::simulation::metrics::METRIC_NAMES;
 use pyo3::prelude::*;
 use serde_json::{Map, Value, json};
 
 use crate::error::{Outcome, guarded};
 
-/// A preset, overlaid with parts of a configuration and then with flat options, as complete JSON
-/// text.
-#[pyfunction]
-#[pyo3(signature = (task, config, options))]
-pub(crate) fn resolve_config(task: &str, config: Option<&str>, options: &str) -> Outcome<String> {
-    guarded(|| {
-        let resolved = EnvConfig::resolve(task, config, Some(options))?;
-        Ok::<_, ConfigError>(resolved.to_json())
-    })
+/// A complete configuration that has been checked; it never changes.
+#[pyclass(frozen, module = "drm_env._engine")]
+pub(crate) struct Config(ValidConfig);
+
+impl Config {
+    /// What the engine holds.
+    pub(crate) fn held(&self) -> &ValidConfig {
+        &self.0
+    }
 }
 
-/// The configuration behind a task's name, as complete JSON text.
+#[pymethods]
+impl Config {
+    /// A task's defaults, overlaid with parts of a configuration and then with flat options, both as
+    /// JSON text.
+    #[new]
+    #[pyo3(signature = (task, config, options))]
+    fn new(task: &str, config: Option<&str>, options: Option<&str>) -> Outcome<Self> {
+        guarded(|| ValidConfig::resolve(task, config, options).map(Self))
+    }
+
+    /// JSON text with every field.
+    fn to_json(&self) -> String {
+        self.0.to_json()
+    }
+
+    /// Time between two actions, s.
+    #[getter]
+    fn control_period(&self) -> f64 {
+        self.0.task.control_period
+    }
+
+    /// Period of laws, sensors and metrics, s.
+    #[getter]
+    fn sample_period(&self) -> f64 {
+        self.0.scenario.sample_period
+    }
+
+    /// Duration of an episode that is not cut short, s.
+    #[getter]
+    fn horizon(&self) -> f64 {
+        self.0.scenario.horizon
+    }
+
+    /// Actions in an episode that is not cut short.
+    #[getter]
+    fn horizon_steps(&self) -> usize {
+        self.0.actions_per_episode()
+    }
+
+    /// Entries of an action.
+    #[getter]
+    fn action_size(&self) -> usize {
+        self.0.task.actuators.len()
+    }
+
+    /// Flat names of the parameters that are drawn for each episode.
+    #[getter]
+    fn drawn(&self) -> Vec<&'static str> {
+        let drawn = self.0.randomize.distributions();
+        PARAMETERS
+            .iter()
+            .zip(drawn)
+            .filter_map(|(parameter, distribution)| distribution.map(|_| parameter.name))
+            .collect()
+    }
+
+    /// Parameters of the manoeuvre as far as it is not drawn, in the order of `context_names`.
+    fn context(&self) -> Vec<f64> {
+        context(&self.0.scenario).to_vec()
+    }
+
+    /// Name, unit, scale, lower and upper bound of each entry of the observation, in order.
+    fn observation_layout(&self) -> Vec<Entry> {
+        let limit = observation::OBSERVATION_LIMIT;
+        observation::observation_layout(&self.0.task)
+            .into_iter()
+            .map(|entry| {
+                (
+                    entry.name,
+                    entry.unit.to_owned(),
+                    entry.scale,
+                    -limit,
+                    limit,
+                )
+            })
+            .collect()
+    }
+}
+
+/// Names of the tasks that have defaults.
 #[pyfunction]
-pub(crate) fn default_config_json(task: &str) -> Outcome<String> {
-    guarded(|| EnvConfig::preset(task).map(|config| config.to_json()))
+pub(crate) fn task_names() -> Vec<&'static str> {
+    PRESETS.to_vec()
 }
 
 /// The JSON schema of a configuration.
@@ -80,22 +159,3 @@ pub(crate) fn metric_names() -> Vec<&'static str> {
 
 /// Name, unit, scale, lower and upper bound.
 type Entry = (String, String, f64, f64, f64);
-
-/// Name, unit, scale, lower and upper bound of each entry of the observation, in order.
-#[pyfunction]
-pub(crate) fn observation_layout(config: &str) -> Outcome<Vec<Entry>> {
-    guarded(|| {
-        let layout = observation::observation_layout(&EnvConfig::from_json(config)?.task);
-        let rows = layout.into_iter().map(|entry| {
-            let limit = observation::OBSERVATION_LIMIT;
-            (
-                entry.name,
-                entry.unit.to_owned(),
-                entry.scale,
-                -limit,
-                limit,
-            )
-        });
-        Ok::<_, ConfigError>(rows.collect())
-    })
-}

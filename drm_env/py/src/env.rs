@@ -1,8 +1,5 @@
 //! One environment.
 
-use std::sync::Arc;
-
-use drm_env::config::EnvConfig;
 use drm_env::config::parameter::{Overrides, overrides};
 use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error, SimulationError};
@@ -15,6 +12,7 @@ use drm_env::{Env as Engine, Scenario, memory, render};
 use pyo3::prelude::*;
 
 use crate::arrays::{In1, Out1, Out3};
+use crate::config::Config;
 use crate::error::{Outcome, detached};
 use crate::kept::ScenarioDelta;
 
@@ -80,10 +78,10 @@ pub(crate) struct Env {
 #[pymethods]
 impl Env {
     #[new]
-    fn new(py: Python<'_>, config: &str) -> Outcome<Self> {
+    fn new(py: Python<'_>, config: &Config) -> Outcome<Self> {
+        let config = config.held();
         detached(py, || {
-            let config = Arc::new(EnvConfig::from_json(config)?);
-            let engine = Engine::new(Arc::clone(&config))?;
+            let engine = Engine::new(config.clone())?;
             Ok::<_, ConfigError>(Self {
                 action_size: config.task.actuators.len(),
                 observation_size: engine.observation().len(),

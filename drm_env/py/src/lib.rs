@@ -5,6 +5,7 @@ mod arrays;
 mod batch;
 mod benchmark;
 mod config;
+mod constants;
 mod env;
 mod error;
 mod kept;
@@ -28,6 +29,28 @@ mod _engine {
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
+    /// Columns of the coordinates of a batch.
+    #[pymodule_export]
+    const COORDINATES: usize = drm_env::batch::COORDINATES;
+    /// Sampling period that the thesis' gains were chosen for, s.
+    #[pymodule_export]
+    const LAW_PERIOD: f64 = drm_env::control::LAW_PERIOD;
+    /// Numbers that a law remembers.
+    #[pymodule_export]
+    const LAW_MEMORY: usize = drm_env::control::MEMORY_SIZE;
+    /// Slew rate below which a payload is not identified, rad/s.
+    #[pymodule_export]
+    const SLOWEST_IDENTIFICATION: f64 = drm_env::simulation::SLOWEST_IDENTIFICATION;
+    /// Largest mass error that is taken for one.
+    #[pymodule_export]
+    const LARGEST_IDENTIFIED_ERROR: f64 = drm_env::simulation::LARGEST_IDENTIFIED_ERROR;
+    /// Mass that the scheduled law divides by, kg.
+    #[pymodule_export]
+    const SCHEDULED_MASS_SCALE: f64 = drm_env::control::scheduled::MASS_SCALE;
+    /// Extension that the scheduled law divides by, m.
+    #[pymodule_export]
+    const SCHEDULED_EXTENSION_SCALE: f64 = drm_env::control::scheduled::EXTENSION_SCALE;
+
     #[pymodule_export]
     use super::analysis::{
         Law, Model, check_memory, measurement_names, sample_scenarios, signal_names, simulate,
@@ -39,8 +62,12 @@ mod _engine {
     use super::benchmark::{batch_benchmark, env_benchmark, instructions, kernel_benchmark};
     #[pymodule_export]
     use super::config::{
-        context_names, default_config_json, metric_names, observation_layout, option_names_json,
-        resolve_config, reward_names, schema_json,
+        Config, context_names, metric_names, option_names_json, reward_names, schema_json,
+        task_names,
+    };
+    #[pymodule_export]
+    use super::constants::{
+        distribution_names, fine_scales, law_names, payload_inertias, table_2_7,
     };
     #[pymodule_export]
     use super::env::Env;

@@ -1,6 +1,6 @@
 //! Many manoeuvres flown from end to end, and the networks that may fly them.
 
-use drm_env::config::{EnvConfig, law_from_json, scenario_from_json};
+use drm_env::config::{ValidConfig, law_from_json, scenario_from_json};
 use drm_env::control::Law;
 use drm_env::control::mlp::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::error::{ConfigError, Error};
@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, In3, Out2};
+use crate::config::Config;
 use crate::error::{Failure, Outcome, check_shape, detached};
 use crate::threads::within_processors;
 
@@ -100,12 +101,11 @@ impl Network {
 enum Pilot<'a> {
     Law(Box<Law>),
     Schedule(Schedule<'a>),
-    Network(&'a Engine, Box<EnvConfig>),
+    Network(&'a Engine, &'a ValidConfig),
 }
 
-/// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration
-/// (as JSON text), or under torques (N m; each row, of root and tip wheel, is held for so many
-/// samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
+/// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
+/// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
 /// `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
 /// and is raised here.
 #[pyfunction]
@@ -116,7 +116,7 @@ pub(crate) fn rollout<'py>(
     scenarios: Vec<String>,
     pilot: (
         Option<String>,
-        Option<(Py<Network>, String)>,
+        Option<(Py<Network>, Py<Config>)>,
         Option<(In3<f64>, Count)>,
     ),
     seeds: Vec<PyBackedBytes>,
@@ -142,7 +142,7 @@ pub(crate) fn rollout<'py>(
         let pilot = match (law, policy, schedule) {
             (Some(law), None, None) => Pilot::Law(Box::new(law_from_json(law)?)),
             (None, Some((network, config)), None) => {
-                Pilot::Network(&network.get().0, Box::new(EnvConfig::from_json(config)?))
+                Pilot::Network(&network.get().0, config.get().held())
             }
             (None, None, Some(schedule)) => Pilot::Schedule(schedule),
             _ => {

@@ -5,11 +5,11 @@
 mod thread_pool;
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use crate::batch::thread_pool::Pool;
-use crate::config::EnvConfig;
 use crate::config::parameter::Overrides;
+use crate::config::{EnvConfig, ValidConfig};
 use crate::env::Env;
 use crate::env::any_pack::{AnyEnvPack, Rows, packs};
 pub use crate::env::any_pack::{COORDINATES, Ended};
@@ -73,7 +73,7 @@ struct Group {
 /// A batch of environments.
 #[derive(Debug)]
 pub struct Batch {
-    config: Arc<EnvConfig>,
+    config: ValidConfig,
     autoreset: Autoreset,
     groups: Vec<Group>,
     count: usize,
@@ -106,7 +106,7 @@ impl Batch {
     /// # Errors
     /// A configuration that cannot be flown.
     pub fn new(
-        config: Arc<EnvConfig>,
+        config: impl TryInto<ValidConfig, Error: Into<ConfigError>>,
         count: usize,
         autoreset: Autoreset,
         threads: Option<usize>,
@@ -125,7 +125,7 @@ impl Batch {
             let requirement = "must be at least 1";
             return Err(ConfigError::value("max_episode_steps", requirement, 0));
         }
-        let setup = Setup::limited(&self.config, Some(actions))?;
+        let setup = Setup::limited(&self.config, Some(actions));
         for group in &mut self.groups {
             group.pack.set_up(&setup);
         }
@@ -137,7 +137,7 @@ impl Batch {
     /// # Errors
     /// A configuration that cannot be flown; instructions that the processor does not have.
     pub fn with_instructions(
-        config: Arc<EnvConfig>,
+        config: impl TryInto<ValidConfig, Error: Into<ConfigError>>,
         count: usize,
         autoreset: Autoreset,
         threads: Option<usize>,
@@ -149,7 +149,8 @@ impl Batch {
         if threads == Some(0) {
             return Err(ConfigError::value("num_threads", "must be at least 1", 0));
         }
-        let env = Env::with_setup(Setup::new(&config)?)?;
+        let config = config.try_into().map_err(Into::into)?;
+        let env = Env::with_setup(Setup::new(&config))?;
         let available = std::thread::available_parallelism().map_or(1, usize::from);
         // what a call makes of each: drafts of a reset, or snapshots and their copies; and the caller's
         let each = 2 * size_of::<Draft>() + 4 * size_of_val(env.observation()) + CALLER_BYTES;

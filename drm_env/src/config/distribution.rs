@@ -53,6 +53,9 @@ pub enum Distribution {
     Choices(Vec<Setting>),
 }
 
+/// Names of the distributions in their data form, `{"uniform": [low, high]}`.
+pub const KINDS: [&str; 4] = ["uniform", "log_uniform", "normal", "choices"];
+
 impl JsonSchema for Distribution {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "Distribution".into()

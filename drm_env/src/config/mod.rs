@@ -8,6 +8,7 @@ pub mod parameter;
 pub(crate) mod reward;
 pub mod scenario;
 pub mod task;
+mod valid;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,7 @@ pub use json::{law_from_json, scenario_from_json};
 use json::{name_law, object, typed};
 pub use reward::Reward;
 pub use task::{Actuator, Limits, ObservePayload, Task};
+pub use valid::ValidConfig;
 
 /// Everything that defines an environment. The default is `drm_env/Slew-v0`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::config::distribution::KINDS;
 use crate::config::parameter::PARAMETERS;
 use crate::error::ConfigError;
 
@@ -180,10 +181,7 @@ pub(crate) fn release_fixed(document: &mut Value, parts: &Map<String, Value>) {
 
 fn is_distribution(value: &Value) -> bool {
     value.as_object().is_some_and(|fields| {
-        fields.len() == 1
-            && ["uniform", "log_uniform", "normal", "choices"]
-                .iter()
-                .any(|name| fields.contains_key(*name))
+        fields.len() == 1 && KINDS.iter().any(|name| fields.contains_key(*name))
     })
 }
 

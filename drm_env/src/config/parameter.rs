@@ -115,13 +115,23 @@ impl Slot for Option<f64> {
     }
 }
 
+/// What a name chooses between.
+pub trait Alternatives {
+    /// The names; a context holds the position of the chosen one.
+    const NAMES: &'static [&'static str];
+}
+
 macro_rules! alternatives {
     ($type:ty: $($variant:ident = $name:literal),+) => {
+        impl Alternatives for $type {
+            const NAMES: &'static [&'static str] = &[$($name),+];
+        }
+
         impl Slot for $type {
             fn assign(&mut self, setting: &Setting) -> Result<(), String> {
                 *self = match setting {
                     $(Setting::Name(name) if name == $name => Self::$variant,)+
-                    _ => return Err(format!("must be one of {}", [$($name),+].join(", "))),
+                    _ => return Err(format!("must be one of {}", Self::NAMES.join(", "))),
                 };
                 Ok(())
             }

@@ -7,6 +7,7 @@ use crate::arm::{Arm, Payload, PayloadProperties, table_2_7_dimensions};
 use crate::check::finite;
 use crate::check::non_negative;
 use crate::check::positive;
+use crate::control::LAW_PERIOD;
 use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::{RootWheel, TipWheel};
 use crate::hardware::sensors::Sensors;
@@ -108,7 +109,7 @@ impl Default for Scenario {
             dynamics: Dynamics::default(),
             // thesis section 3.5.4: Runge-Kutta at 0.5 ms, control at 2 ms
             integrator_step: 5e-4,
-            sample_period: 2e-3,
+            sample_period: LAW_PERIOD,
             horizon: 20.0,
         }
     }

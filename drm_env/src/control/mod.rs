@@ -18,6 +18,12 @@ pub use linear::LinearLaw;
 pub use lyapunov::LyapunovLaw;
 pub use scheduled::ScheduledLaw;
 
+/// Sampling period that the thesis' gains were chosen for (thesis section 4.1), s.
+pub const LAW_PERIOD: f64 = 2e-3;
+
+/// Numbers that a law remembers from one sample to the next, see [`LawMemory`].
+pub const MEMORY_SIZE: usize = 3;
+
 /// No feedback: the open-loop manoeuvre.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use crate::config::parameter::{COUNT, Overrides};
 use crate::config::scenario::Scenario;
-use crate::config::{EnvConfig, context};
+use crate::config::{EnvConfig, ValidConfig, context};
 use crate::env::episode::{Member, Phase, check_finite, check_phase};
 use crate::env::pack::EnvPack;
 use crate::env::setup::Setup;
@@ -43,8 +43,10 @@ impl EnvPack<f64> {
     ///
     /// # Errors
     /// A configuration that cannot be flown.
-    pub fn new(config: Arc<EnvConfig>) -> Result<Self, ConfigError> {
-        Self::with_setup(Setup::new(&config)?)
+    pub fn new(
+        config: impl TryInto<ValidConfig, Error: Into<ConfigError>>,
+    ) -> Result<Self, ConfigError> {
+        Self::with_setup(Setup::new(&config.try_into().map_err(Into::into)?))
     }
 
     pub(crate) fn with_setup(setup: Arc<Setup>) -> Result<Self, ConfigError> {

@@ -68,9 +68,13 @@ const PREVIEW: [(&str, &str, f64); 2] = [
     ("extension", "m", 8.0),
 ];
 
-/// Where the compressed entries turn from linear to logarithmic: slew error (rad), its rate
-/// (rad/s), deflection (m), its rate (m/s).
-const FINE: [f64; 4] = [1e-5, 1e-5, 1e-5, 1e-4];
+/// Where the compressed entries turn from linear to logarithmic, in the unit of the entry before each.
+pub const FINE: [(&str, f64); 4] = [
+    ("slew_error", 1e-5),
+    ("slew_error_rate", 1e-5),
+    ("link2_deflection", 1e-5),
+    ("link2_deflection_rate", 1e-4),
+];
 
 /// Names, units and scales of the whole observation in order; older frames first.
 pub fn observation_layout(task: &Task) -> Vec<Entry> {
@@ -141,15 +145,15 @@ pub(crate) fn observe<'a, T: Number>(
     let left = flight.slew_end_time() - clock.time;
     let values: [T; FIXED.len() + MOMENTUM.len()] = [
         measurement.slew_error,
-        asinh(measurement.slew_error * (1.0 / FINE[0])),
+        asinh(measurement.slew_error * (1.0 / FINE[0].1)),
         measurement.slew_error_rate,
-        asinh(measurement.slew_error_rate * (1.0 / FINE[1])),
+        asinh(measurement.slew_error_rate * (1.0 / FINE[1].1)),
         angle,
         rate,
         measurement.link2_deflection,
-        asinh(measurement.link2_deflection * (1.0 / FINE[2])),
+        asinh(measurement.link2_deflection * (1.0 / FINE[2].1)),
         measurement.link2_deflection_rate,
-        asinh(measurement.link2_deflection_rate * (1.0 / FINE[3])),
+        asinh(measurement.link2_deflection_rate * (1.0 / FINE[3].1)),
         reference.angle,
         reference.rate,
         reference.accel,

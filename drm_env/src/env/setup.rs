@@ -1,15 +1,14 @@
 //! What all environments of one configuration have in common.
 
-use crate::config::EnvConfig;
 use crate::config::reward::RewardScale;
+use crate::config::{EnvConfig, ValidConfig};
 use crate::env::observation::{frame_size, observation_size};
-use crate::error::ConfigError;
 use std::sync::Arc;
 
 /// What all environments of one configuration have in common.
 #[derive(Debug)]
 pub(crate) struct Setup {
-    pub(crate) config: EnvConfig,
+    pub(crate) config: ValidConfig,
     pub(crate) fingerprint: u64,
     pub(crate) scale: RewardScale,
     pub(crate) frame_size: usize,
@@ -22,21 +21,17 @@ pub(crate) struct Setup {
 }
 
 impl Setup {
-    pub(crate) fn new(config: &Arc<EnvConfig>) -> Result<Arc<Self>, ConfigError> {
+    pub(crate) fn new(config: &ValidConfig) -> Arc<Self> {
         Self::limited(config, None)
     }
 
     /// With episodes that are truncated after at most so many actions, and are else the same.
-    pub(crate) fn limited(
-        config: &Arc<EnvConfig>,
-        actions: Option<usize>,
-    ) -> Result<Arc<Self>, ConfigError> {
-        config.validate()?;
+    pub(crate) fn limited(config: &ValidConfig, actions: Option<usize>) -> Arc<Self> {
         let horizon = config.scenario.samples() as u64;
         let cut = actions.map_or(horizon, |count| {
             horizon.min((count as u64).saturating_mul(config.samples_per_action() as u64))
         });
-        Ok(Arc::new(Self {
+        Arc::new(Self {
             cut,
             horizon,
             fingerprint: fingerprint(config),
@@ -44,8 +39,8 @@ impl Setup {
             frame_size: frame_size(&config.task),
             observation_size: observation_size(config),
             samples_per_action: config.samples_per_action(),
-            config: (**config).clone(),
-        }))
+            config: config.clone(),
+        })
     }
 }
 

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
-use crate::config::EnvConfig;
+use crate::config::ValidConfig;
 use crate::config::scenario::Scenario;
 use crate::control::Law;
 use crate::control::mlp::Network;
@@ -45,7 +45,7 @@ pub enum Controller<'a> {
         /// As many inputs as the observation has entries, as many outputs as there are actuators.
         network: &'a Network,
         /// What the network does, sees and is paid for is its task.
-        config: &'a EnvConfig,
+        config: &'a ValidConfig,
     },
 }
 

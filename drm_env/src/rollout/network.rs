@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::config::scenario::Scenario;
-use crate::config::{Actuator, EnvConfig};
+use crate::config::{Actuator, ValidConfig};
 use crate::control::mlp::{Network, Scratch};
 use crate::env::Env;
 use crate::env::observation::told_payload;
@@ -33,10 +33,10 @@ impl<'a> Autonomy<'a> {
     /// Puts a network into the task of a configuration.
     ///
     /// # Errors
-    /// A configuration that cannot be flown; a network with other inputs than the observation has
+    /// A network with other inputs than the observation has
     /// entries, or other outputs than there are actuators.
-    pub(super) fn new(network: &'a Network, config: &EnvConfig) -> Result<Self, ConfigError> {
-        let setup = Setup::new(&Arc::new(config.clone()))?;
+    pub(super) fn new(network: &'a Network, config: &ValidConfig) -> Result<Self, ConfigError> {
+        let setup = Setup::new(config);
         let (entries, actuators) = (setup.observation_size, config.task.actuators.len());
         if network.inputs() != entries {
             let requirement =

@@ -38,10 +38,10 @@ use crate::simulation::state::LaneState;
 pub use crate::simulation::plan::Plan;
 
 /// Slew rate below which a payload is not identified, rad/s: a tenth of a second at 0.02 rad/s^2.
-const SLOWEST_IDENTIFICATION: f64 = 2e-3;
+pub const SLOWEST_IDENTIFICATION: f64 = 2e-3;
 
 /// Largest mass error that is taken for one.
-const LARGEST_IDENTIFIED_ERROR: f64 = 0.5;
+pub const LARGEST_IDENTIFIED_ERROR: f64 = 0.5;
 
 /// `T::WIDTH` manoeuvres in flight, which share their sample period, steps and equations of motion.
 #[derive(Debug, Clone)]

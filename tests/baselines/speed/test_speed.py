@@ -23,7 +23,6 @@ import drm_env
 from drm_baselines.cli import app
 from drm_baselines.errors import BaselineError
 from drm_baselines.speed import (
-    engine,
     instructions,
     plots,
     report,
@@ -464,12 +463,6 @@ def test_batches_are_stepped_through_their_resets() -> None:
     for _ in range(12):
         step()
     batch.close()
-
-
-def test_the_configuration_for_the_engine_is_complete() -> None:
-    content = json.loads(engine.config_json(options={"horizon": 3.0}))
-    assert content["scenario"]["horizon"] == 3.0
-    assert content["scenario"]["arm"]["link1"]["length"] == 7.0
 
 
 def test_idle_environments_learn_like_others() -> None:

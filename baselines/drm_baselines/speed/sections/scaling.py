@@ -59,7 +59,7 @@ def _size(bench: Bench, num_envs: int, threads: list[int]) -> Measured:
 
 def _alone(bench: Bench, num_envs: int) -> Measured:
     """Measure the engine by itself, on one thread and on two."""
-    config = engine.config_json()
+    config = drm_env.resolve()
     steps = max(
         20, min(_ENGINE_STEPS, _ENGINE_MOST // num_envs, int(_ENGINE_STEPS * bench.seconds))
     )

@@ -77,7 +77,7 @@ def run(bench: Bench) -> Section:
         _PENDULUM_SAMPLED: gymnasium_loop(pendulum_sampled),
     }
     if engine.available("env_benchmark"):
-        config = engine.config_json()
+        config = drm_env.resolve()
 
         def alone() -> float:
             return 1e6 * engine.env_benchmark(config, _ENGINE_STEPS) / _ENGINE_STEPS

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+import drm_env
 from drm_baselines.speed import engine
 from drm_baselines.speed.measure import (
     Measured,
@@ -56,7 +57,7 @@ def batch_stepper(env: gym.vector.VectorEnv[Any, Any, Any], seed: int = 0) -> Ca
     return step
 
 
-def _size(bench: Bench, num_envs: int, config: str) -> Measured:
+def _size(bench: Bench, num_envs: int, config: drm_env.ResolvedConfig) -> Measured:
     ours = gym.make_vec(ENV_ID, num_envs=num_envs)
     cartpole = gym.make_vec(
         "CartPole-v1", num_envs=num_envs, vectorization_mode="vector_entry_point"
@@ -131,7 +132,7 @@ def run(bench: Bench) -> Section:
     ]
     if not engine.available("batch_benchmark"):
         notes.append("engine alone left out: the installed engine has no batch_benchmark")
-    config = engine.config_json()
+    config = drm_env.resolve()
     rows, headline = [], {}
     lines: dict[str, list[Spread]] = {}
     for num_envs in SIZES:

@@ -1,0 +1,59 @@
+//! A configuration that has been found good, held from then on.
+
+use std::convert::Infallible;
+use std::ops::Deref;
+use std::sync::Arc;
+
+use crate::config::EnvConfig;
+use crate::error::ConfigError;
+
+/// A configuration that can be flown. It is checked when it is made and cannot change, so that whoever
+/// takes one need not check it again; clones share it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ValidConfig(Arc<EnvConfig>);
+
+impl ValidConfig {
+    /// Checks a configuration.
+    ///
+    /// # Errors
+    /// See [`EnvConfig::validate`].
+    pub fn new(config: EnvConfig) -> Result<Self, ConfigError> {
+        Arc::new(config).try_into()
+    }
+
+    /// See [`EnvConfig::resolve`], which checks.
+    ///
+    /// # Errors
+    /// Malformed text, unknown names, values of the wrong type or out of range; each with its path.
+    pub fn resolve(
+        preset: &str,
+        config: Option<&str>,
+        options: Option<&str>,
+    ) -> Result<Self, ConfigError> {
+        EnvConfig::resolve(preset, config, options).map(|config| Self(Arc::new(config)))
+    }
+}
+
+impl TryFrom<Arc<EnvConfig>> for ValidConfig {
+    type Error = ConfigError;
+
+    fn try_from(config: Arc<EnvConfig>) -> Result<Self, ConfigError> {
+        config.validate()?;
+        Ok(Self(config))
+    }
+}
+
+impl Deref for ValidConfig {
+    type Target = EnvConfig;
+
+    fn deref(&self) -> &EnvConfig {
+        &self.0
+    }
+}
+
+/// What takes an [`EnvConfig`] takes a [`ValidConfig`] as well, which fails in no way.
+impl From<Infallible> for ConfigError {
+    fn from(never: Infallible) -> Self {
+        match never {}
+    }
+}
