@@ -21,7 +21,7 @@ MOVED: dict[str, tuple[str, ...]] = {
     "asymmetric": ("rl.asymmetric",),
     "benchmark.bound": ("optimal_control.lower_bound",),
     "benchmark.feedback": ("optimal_control.tvlqr",),
-    "benchmark.field": ("benchmark.competitors",),
+    "benchmark.field": ("benchmark.competitors", "policies.pilots"),
     "benchmark.observer": ("optimal_control.kalman_filter",),
     "benchmark.programme": ("optimal_control.quadratic_program",),
     "benchmark.receding": ("optimal_control.mpc",),

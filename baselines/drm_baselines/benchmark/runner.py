@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import drm_env
@@ -38,8 +38,9 @@ def fingerprint(competitor: Competitor, manoeuvres: Manoeuvres) -> str:
             "suite": manoeuvres.digest,
             "base": dict(manoeuvres.suite.base),
             "kind": competitor.kind,
-            "law": None if competitor.law is None else dict(competitor.law),
-            **({} if competitor.receding is None else {"receding": asdict(competitor.receding)}),
+            # there whoever flies, as in the fingerprints of the records that there are
+            "law": None,
+            **competitor.identity,
             **({} if flown == len(manoeuvres) else {"episodes": flown}),
             "runs": weights,
             "engine": drm_env.__version__,

@@ -12,6 +12,7 @@ import typer
 
 from drm_baselines.cli.common import JSON_HELP, guarded, json_target
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
+from drm_baselines.policies.names import listed
 from drm_baselines.support.interruption import leaving_at_once
 
 
@@ -37,8 +38,7 @@ def benchmark(
         list[str] | None,
         typer.Option(
             "--policy",
-            help="Only these policies (bound, none, linear, lyapunov, linear_tuned, "
-            "lyapunov_tuned, lqr, dagger, ppo, ...); may be repeated.",
+            help=f"Only these policies ({listed()}); may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -82,6 +82,7 @@ def benchmark(
         from drm_baselines.benchmark import runner
         from drm_baselines.benchmark.report import documents as made
         from drm_baselines.benchmark.report import page, tables, targets
+        from drm_baselines.policies.pilots import shipped_runs
         from drm_baselines.support import storage
 
     as_json, json_file = json_target(as_json, json_file, context.args)
@@ -108,7 +109,7 @@ def benchmark(
             say(f"{verdict}: {text}")
     if as_json:
         say_json(made.summary(results))
-    figures = made.draw(results, out / "figures", learned or competing.shipped_runs())
+    figures = made.draw(results, out / "figures", learned or shipped_runs())
     written = [page.write_page(results, out / "benchmark.html", figures, overwrite=True)]
     if json_file is not None:
         written.append(made.write_summary(json_file, results, overwrite=True))

@@ -13,6 +13,7 @@ import typer
 
 from drm_baselines.cli.terminal import complain, complaints, note, output
 from drm_baselines.errors import BaselineError
+from drm_baselines.policies.names import listed
 from drm_baselines.support.interruption import Stopped, handled_by, interrupt
 from drm_baselines.support.reading import parse_json, shown
 
@@ -37,6 +38,7 @@ SET_HELP = (
     "A number or name fixes it, LOW..HIGH draws it uniformly for each episode, JSON says "
     "anything else, such as '{\"log_uniform\": [10, 1000]}'. May be repeated."
 )
+POLICY_HELP = f"{listed()}; of a learning method the first policy that comes with the package flies"
 JSON_HELP = "Print the result as JSON, SI units and radians, and nothing else."
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.support.interruption import leaving_at_once
 
@@ -17,9 +17,8 @@ def compare(
     policies: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Policies by name (none, linear, lyapunov, linear_tuned, lyapunov_tuned, lqr, "
-            "learned) or directories of training runs; the first three by default. "
-            "The first is the reference of the paired comparison.",
+            help=f"Policies by name ({POLICY_HELP}) or directories of training runs; none, linear "
+            "and lyapunov by default. The first is the reference of the paired comparison.",
             show_default=False,
         ),
     ] = None,
@@ -39,7 +38,8 @@ def compare(
     """Fly policies over the same episodes and compare them.
 
     Laws decide every 2 ms, the sampling period of their gains; trained policies at the period
-    they were trained with. Lengths are in mm and angles in degrees in the table, SI and radians
+    they were trained with; the bound and the receding-horizon controller plan a whole manoeuvre,
+    which takes seconds each. Lengths are in mm and angles in degrees in the table, SI and radians
     in the files.
     """
     with leaving_at_once():

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.interruption import leaving_at_once
@@ -18,8 +18,7 @@ def evaluate(
     policy: Annotated[
         str,
         typer.Option(
-            help="A policy by name (none, linear, lyapunov, linear_tuned, lyapunov_tuned, lqr, "
-            "learned) or the directory of a training run. "
+            help=f"A policy by name ({POLICY_HELP}) or the directory of a training run. "
             "A run is read from policy.safetensors and policy.json alone."
         ),
     ],
@@ -47,9 +46,9 @@ def evaluate(
     """Fly one policy over seeded episodes and report the engine's metrics."""
     with leaving_at_once():
         from drm_baselines.evaluation.contestants import Arena, contestant_named, fly_all
-        from drm_baselines.evaluation.environments import config_data
         from drm_baselines.evaluation.records import write_records
         from drm_baselines.evaluation.tables import comparison_tables
+        from drm_baselines.policies.names import is_name
         from drm_baselines.policies.policy_file import load_policy
         from drm_baselines.support import provenance, storage
         from drm_baselines.support.seeds import episode_seeds
@@ -58,7 +57,7 @@ def evaluate(
     options = parse_options(set_options)
     if env_id is None:
         run = Path(policy)
-        if run.is_dir():
+        if not is_name(policy) and run.is_dir():
             trained = load_policy(run)
             env_id = trained.env_id
             options = {"config": trained.config, **options}
@@ -78,7 +77,7 @@ def evaluate(
         "format_version": 1,
         "units": "SI and radians",
         "seed": seed,
-        "environment": {"id": env_id, "config": config_data(arena.config)},
+        "environment": {"id": env_id, "config": arena.resolved.to_dict()},
         "policy": flights[0].summary(),
         "provenance": provenance.provenance(),
     }

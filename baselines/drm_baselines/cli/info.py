@@ -38,17 +38,19 @@ def info(
     """Show versions, environments, the observation's layout, the options and the metrics."""
     with leaving_at_once():
         import drm_env
-        from drm_baselines.evaluation.environments import config_data, environment_config, known_ids
+        from drm_baselines.evaluation.environments import known_ids, resolved_config
+        from drm_baselines.policies.names import listed, names_of
         from drm_baselines.policies.registry import LAWS
         from drm_baselines.support import provenance
 
-    resolved = environment_config(env_id, parse_options(set_options))
-    layout = drm_env.observation_layout(config=resolved)
+    resolved = resolved_config(env_id, parse_options(set_options))
+    layout = resolved.observation_layout
     if as_json:
         content: dict[str, Any] = {
             "versions": provenance.versions(),
             "environments": known_ids(),
             "laws": list(LAWS),
+            "policies": list(names_of()),
             "environment": env_id,
             "observation": [
                 {
@@ -60,11 +62,11 @@ def info(
                 }
                 for entry in layout
             ],
-            "actuators": [str(name) for name in resolved.task.actuators],
-            "control_period": float(resolved.task.control_period),
-            "options": described_options(config_data(resolved)),
+            "actuators": list(resolved.actuators),
+            "control_period": resolved.control_period,
+            "options": described_options(resolved.to_dict()),
             "metrics": [entry._asdict() for entry in drm_env.episode_metrics()],
-            "config": config_data(resolved),
+            "config": resolved.to_dict(),
         }
         say_json(content)
         return
@@ -74,14 +76,15 @@ def info(
             say(f"{symbol}: {meaning}")
         return
     if options:
-        show(_options_table(described_options(config_data(resolved)), env_id))
+        show(_options_table(described_options(resolved.to_dict()), env_id))
         return
     if config:
-        say_json(config_data(resolved))
+        say_json(resolved.to_dict())
         return
     say("  ".join(f"{name} {version}" for name, version in provenance.versions().items()))
     say("environments: " + ", ".join(known_ids()))
     say("control laws: " + ", ".join(LAWS))
+    say("policies: " + listed())
     table = _table(
         f"observation of {env_id}: {len(layout)} entries (value = entry x scale)",
         "entry", "name", "unit", "scale", "low", "high",
@@ -99,8 +102,8 @@ def info(
         )
     show(table)
     say(
-        f"actions: {', '.join(str(name) for name in resolved.task.actuators)}, each a fraction "
-        f"of its torque limit, every {float(resolved.task.control_period) * 1e3:g} ms"
+        f"actions: {', '.join(resolved.actuators)}, each a fraction "
+        f"of its torque limit, every {resolved.control_period * 1e3:g} ms"
     )
     say("more: --options, --metrics, --config")
 

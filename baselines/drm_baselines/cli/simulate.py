@@ -1,4 +1,4 @@
-"""``drm simulate``: one manoeuvre under one or more laws."""
+"""``drm simulate``: one manoeuvre under one or more laws and policies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drm_baselines.cli.common import guarded
+from drm_baselines.cli.common import POLICY_HELP, guarded
 from drm_baselines.cli.terminal import complain, say_files, say_json, show
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.interruption import leaving_at_once
@@ -19,6 +19,8 @@ from drm_baselines.support.reading import read_table, shown
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from drm_baselines.policies.pilots import Pilot
 _ROWS = 10_000
 _SAMPLE_BYTES = 400
 """What a kept sample of a flight takes: some twenty signals, and a copy of them on the way."""
@@ -72,14 +74,23 @@ def _check_memory(description: Mapping[str, Any], decimation: int, laws: int) ->
     BaselineError
         The message says how much they would take.
     """
+    import drm_env
     from drm_baselines.support import memory
 
-    horizon, period = description.get("horizon", 20.0), description.get("sample_period", 2e-3)
+    usual = drm_env.Scenario()
+    horizon = description.get("horizon", usual.horizon)
+    period = description.get("sample_period", usual.sample_period)
     times = [each for each in (horizon, period) if isinstance(each, (int, float)) and each > 0.0]
     if len(times) < 2 or not math.isfinite(horizon):
         return
     size = min(horizon / period / decimation * laws * _SAMPLE_BYTES, 2.0**80)
     memory.require(int(size), f"{laws} flights of {horizon:g} s, decimation {decimation},")
+
+
+def _data(pilot: Pilot) -> Mapping[str, Any]:
+    """What identifies who flies; of a law the law itself."""
+    law = pilot.details.get("law")
+    return pilot.details if law is None else law
 
 
 @guarded
@@ -95,7 +106,8 @@ def simulate(
     law: Annotated[
         list[str] | None,
         typer.Option(
-            help="Control law: none, linear or lyapunov. May be repeated; all three by default.",
+            help=f"Who flies, by name ({POLICY_HELP}). May be repeated; none, linear and lyapunov "
+            "by default.",
             show_default=False,
         ),
     ] = None,
@@ -130,10 +142,9 @@ def simulate(
 ) -> None:
     """Simulate one manoeuvre in closed loop and show its metrics."""
     with leaving_at_once():
-        import drm_env
         from drm_baselines.evaluation.tables import metrics_table
         from drm_baselines.policies.names import title_of
-        from drm_baselines.policies.registry import law_data
+        from drm_baselines.policies.pilots import pilot_named
         from drm_baselines.support import provenance, storage
 
     description = read_table(scenario, "scenario file") if scenario is not None else {}
@@ -152,20 +163,19 @@ def simulate(
     names = law or ["none", "linear", "lyapunov"]
     if len(set(names)) != len(names):
         raise BaselineError(f"--law is given twice: {', '.join(names)}")
-    laws = {name: law_data(name) for name in names}
-    _check_memory(description, decimation, len(laws))
+    pilots = {name: pilot_named(name) for name in names}
+    _check_memory(description, decimation, len(pilots))
     if out is not None:
         storage.claim_directory(out, force=force)
     flights = {
-        name: drm_env.simulate(description, law=data, decimation=decimation)
-        for name, data in laws.items()
+        name: pilot.trajectory(description, decimation=decimation) for name, pilot in pilots.items()
     }
     report = {
         "format": "drm-simulation",
         "format_version": 1,
         "units": "SI and radians",
         "scenario": description,
-        "laws": laws,
+        "laws": {name: _data(pilot) for name, pilot in pilots.items()},
         "metrics": {name: dict(flight.metrics) for name, flight in flights.items()},
         "provenance": provenance.provenance(),
     }

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from drm_baselines.evaluation.contestants import Arena
-from drm_baselines.evaluation.environments import config_data
 from drm_baselines.evaluation.records import Episodes, comparison, write_records
 from drm_baselines.support import provenance, storage
 
@@ -34,7 +33,7 @@ def report_of(
         "environment": {
             "id": arena.env_id,
             "options": dict(arena.options),
-            "config": config_data(arena.config),
+            "config": arena.resolved.to_dict(),
         },
         "policies": [flight.summary() for flight in flights],
         "paired": {

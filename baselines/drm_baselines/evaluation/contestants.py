@@ -1,9 +1,10 @@
-"""Who is compared: laws, trained policies and directories of runs by their names, in one arena."""
+"""Who is compared: pilots by their names, directories of runs and policies, in one arena."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +14,22 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.errors import BaselineError, PolicyError
-from drm_baselines.evaluation.environments import config_data, environment_config, scenarios_of
-from drm_baselines.evaluation.episodes import Progress, fly_law, fly_policy
+from drm_baselines.evaluation.environments import config_data, resolved_config, scenarios_of
+from drm_baselines.evaluation.episodes import Progress, fly_pilot, fly_policy
 from drm_baselines.evaluation.records import Episodes
-from drm_baselines.policies.gains import TUNED
+from drm_baselines.policies.compatibility import warn
 from drm_baselines.policies.law_policy import LawPolicy, Policy, law_name
-from drm_baselines.policies.names import title_of
-from drm_baselines.policies.perceptron import NetworkPolicy
-from drm_baselines.policies.policy_file import load_policy
-from drm_baselines.policies.registry import (
-    LAWS,
-    LEARNED,
+from drm_baselines.policies.names import find, is_name, listed, title_of
+from drm_baselines.policies.pilots import (
+    LawPilot,
+    Pilot,
+    details_of,
     law_data,
-    make_policy,
-    shipped_policy,
+    pilot_named,
+    shipped_run,
 )
+from drm_baselines.policies.policy_file import load_policy
+from drm_baselines.policies.registry import make_policy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,45 +49,49 @@ class Arena:
     seed: int = 0
     episodes: int = 100
 
+    @cached_property
+    def resolved(self) -> drm_env.ResolvedConfig:
+        """The complete configuration, checked."""
+        return resolved_config(self.env_id, self.options)
+
     @property
     def config(self) -> drm_env.EnvConfig:
         """The complete configuration."""
-        return environment_config(self.env_id, self.options)
+        return self.resolved.config
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contestant:
-    """A policy with the environment it decides in.
+    """Who flies in an arena, under a label.
 
-    ``law`` is set for laws that the engine flies itself; otherwise ``policy`` acts in ``env_id``
-    with ``config``, which must draw the arena's scenarios.
+    Either a ``pilot``, which flies the arena's manoeuvres from end to end, or a ``policy`` that
+    acts in ``env_id`` with ``config``, which must draw the arena's scenarios.
     """
 
     label: str
-    law: Mapping[str, Any] | None = None
+    pilot: Pilot | None = None
     policy: Policy | None = None
     env_id: str = ""
-    config: drm_env.EnvConfig | None = None
+    config: drm_env.EnvConfig | drm_env.ResolvedConfig | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def fly(self, arena: Arena, progress: Progress | None = None) -> Episodes:
         """Fly the arena's episodes."""
-        if self.law is not None:
-            return fly_law(
-                self.law,
-                arena.config,
+        if self.pilot is not None:
+            return fly_pilot(
+                self.pilot,
+                arena.resolved,
                 env_id=arena.env_id,
                 seed=arena.seed,
                 episodes=arena.episodes,
                 label=self.label,
                 progress=progress,
             )
-        assert self.policy is not None, "a contestant has a law or a policy"
-        assert self.config is not None, "a policy comes with a configuration"
+        policy, config = self._acting()
         flown = fly_policy(
-            self.policy,
+            policy,
             self.env_id,
-            self.config,
+            config,
             seed=arena.seed,
             episodes=arena.episodes,
             label=self.label,
@@ -94,22 +100,25 @@ class Contestant:
         )
         if self.details.get("action") == "zero":
             # all that decides is the law below, at its own period
-            period = float(self.config.scenario.sample_period)
-            return replace(flown, control_period=period)
+            return replace(flown, control_period=config.sample_period)
         return flown
 
     def trajectory(self, arena: Arena, index: int = 0) -> Mapping[str, NDArray[np.float64]]:
         """Return the signals of the arena's episode ``index`` over time."""
-        if self.law is not None:
-            scenario = scenarios_of(arena.env_id, arena.config, arena.seed + index, 1)[0]
-            return drm_env.simulate(scenario, law=dict(self.law))
-        assert self.policy is not None, "a contestant has a law or a policy"
-        assert self.config is not None, "a policy comes with a configuration"
-        return fly_trajectory(self.policy, self.env_id, self.config, arena.seed + index)
+        seed = arena.seed + index
+        if self.pilot is not None:
+            scenario = scenarios_of(arena.env_id, arena.resolved, seed, 1)[0]
+            return self.pilot.trajectory(scenario)
+        policy, config = self._acting()
+        return fly_trajectory(policy, self.env_id, config, seed)
+
+    def _acting(self) -> tuple[Policy, drm_env.ResolvedConfig]:
+        assert self.policy is not None, "a contestant has a pilot or a policy"
+        return self.policy, drm_env.resolve(config=self.config)
 
 
 def fly_trajectory(
-    policy: Policy, env_id: str, config: drm_env.EnvConfig, seed: int
+    policy: Policy, env_id: str, config: drm_env.EnvConfig | drm_env.ResolvedConfig, seed: int
 ) -> dict[str, NDArray[np.float64]]:
     """Fly one episode and return the true signals at each decision, SI, by name."""
     env = gym.make(env_id, config=config)
@@ -134,7 +143,12 @@ def fly_trajectory(
 
 def contestant_of_law(name: str, **parameters: Any) -> Contestant:
     """Return a control law, with the thesis' or tuned gains, flown by the engine every 2 ms."""
-    return Contestant(label=title_of(name), law=law_data(name, **parameters))
+    return contestant_of_pilot(LawPilot(name, law_data(name, **parameters)))
+
+
+def contestant_of_pilot(pilot: Pilot) -> Contestant:
+    """Return whoever has a name, under the title of that name."""
+    return Contestant(label=title_of(pilot.name), pilot=pilot)
 
 
 def contestant_of_inner_law(arena: Arena, config: drm_env.EnvConfig, env_id: str) -> Contestant:
@@ -145,7 +159,7 @@ def contestant_of_inner_law(arena: Arena, config: drm_env.EnvConfig, env_id: str
         label=f"inner law alone ({name})",
         policy=make_policy("none", config=config),
         env_id=env_id,
-        config=_same_episodes(arena, env_id, config_data(config)),
+        config=_same_episodes(arena, env_id, config_data(config)["task"]),
         details={"inner_law": name, "action": "zero"},
     )
 
@@ -161,8 +175,8 @@ def contestant_of_run(arena: Arena, directory: Path, label: str | None = None) -
         The policy does not fit that environment in this version of drm-env.
     """
     policy = load_policy(directory)
-    config = _same_episodes(arena, policy.env_id, policy.config)
-    policy.check_task(config)
+    config = _same_episodes(arena, policy.env_id, policy.config["task"])
+    policy.check_task(config.config)
     return Contestant(
         label=label or f"learned ({directory.name})",
         policy=policy,
@@ -172,23 +186,10 @@ def contestant_of_run(arena: Arena, directory: Path, label: str | None = None) -
     )
 
 
-def details_of(policy: NetworkPolicy) -> dict[str, Any]:
-    """Return what identifies a learned policy in records."""
-    training = policy.description.get("training", {})
-    return {
-        "env_id": policy.env_id,
-        "weights_sha256": policy.description["weights_sha256"],
-        "training": {
-            name: training.get(name) for name in ("algorithm", "seed", "steps", "wall_time")
-        },
-    }
-
-
-def _same_episodes(arena: Arena, env_id: str, config: Mapping[str, Any]) -> drm_env.EnvConfig:
+def _same_episodes(arena: Arena, env_id: str, task: Mapping[str, Any]) -> drm_env.ResolvedConfig:
     """The arena's scenarios under another task, checked to be the same ones."""
-    base = arena.config
-    data = config_data(base)
-    merged = environment_config(env_id, {"config": {**data, "task": config["task"]}})
+    base = arena.resolved
+    merged = resolved_config(env_id, {"config": {**base.to_dict(), "task": task}})
     count = min(arena.episodes, 8)
     if scenarios_of(env_id, merged, arena.seed, count) != scenarios_of(
         arena.env_id, base, arena.seed, count
@@ -200,24 +201,32 @@ def _same_episodes(arena: Arena, env_id: str, config: Mapping[str, Any]) -> drm_
 
 
 def contestant_named(arena: Arena, text: str) -> Contestant:
-    """Return the law, the shipped policy ``"learned"`` or the run directory that ``text`` names.
+    """Return the policy of a name, or of the run directory, that ``text`` is.
+
+    A learning method stands for the first of its policies that come with the package, in the task
+    that it was trained in. A name wins over a directory of that name, with a warning: ``./ppo`` is
+    the directory.
 
     Raises
     ------
     PolicyError
         None of these; the message lists what exists.
     """
-    if text in LAWS or text in TUNED:
-        return contestant_of_law(text)
-    if text == LEARNED:
-        return contestant_of_run(arena, shipped_policy(), label=f"{title_of('dagger')}, seed 0")
     path = Path(text)
+    if not is_name(text):
+        if path.is_dir():
+            return contestant_of_run(arena, path)
+        raise PolicyError(
+            f"no policy {text!r}: it is neither one of {listed()} nor the directory of a training "
+            "run"
+        )
     if path.is_dir():
-        return contestant_of_run(arena, path)
-    raise PolicyError(
-        f"no policy {text!r}: it is neither one of {', '.join((*LAWS, *TUNED, LEARNED))} nor the "
-        "directory of a training run"
-    )
+        warn(f"{text!r} is a policy of the package; the directory of that name is ./{text}")
+    entry = find(text)
+    if entry.kind == "learned":
+        run = shipped_run(entry.name)
+        return contestant_of_run(arena, run, label=f"{entry.title}, {run.name.replace('_', ' ')}")
+    return contestant_of_pilot(pilot_named(entry.name))
 
 
 def fly_all(

@@ -20,12 +20,16 @@ import drm_env
 from drm_baselines.evaluation.environments import scenarios_of, task_of
 from drm_baselines.evaluation.records import Episodes
 from drm_baselines.policies.compatibility import check_period
-from drm_baselines.policies.law_policy import LAW_PERIOD, LawPolicy, Policy
+from drm_baselines.policies.law_policy import LawPolicy, Policy
 from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.policies.pilots import LawPilot, Pilot
 from drm_baselines.support.seeds import episode_seeds
+from drm_env.constants import LAW_PERIOD
 
 Progress = Callable[[int, int], None]
 """Called with (done, total) while episodes are flown."""
+
+Config = drm_env.EnvConfig | drm_env.ResolvedConfig
 
 _CHUNK = 256
 
@@ -57,7 +61,7 @@ def _context(scenarios: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[np.flo
 
 def fly_law(
     law: Mapping[str, Any],
-    config: drm_env.EnvConfig,
+    config: Config,
     *,
     env_id: str,
     seed: int,
@@ -70,7 +74,7 @@ def fly_law(
     Parameters
     ----------
     law
-        The law as data, see ``drm_baselines.policies.registry.law_data``.
+        The law as data, see ``drm_baselines.policies.pilots.law_data``.
     config, env_id
         Where the scenarios are drawn from; its task (observation, reward) plays no part.
     seed, episodes
@@ -86,14 +90,14 @@ def fly_law(
         Another sample period than the one that the laws' gains belong to.
     """
     seeds = episode_seeds(seed, episodes)
-    scenarios = scenarios_of(env_id, config, seed, episodes)
+    resolved = drm_env.resolve(config=config)
+    scenarios = scenarios_of(env_id, resolved, seed, episodes)
     if law["name"] != "none":
-        period = float(config.scenario.sample_period)
-        check_period(label or str(law["name"]), LAW_PERIOD, period)
+        check_period(label or str(law["name"]), LAW_PERIOD, resolved.sample_period)
     metrics = drm_env.rollout(scenarios, law=dict(law), progress=progress)
     return Episodes(
         label=label or str(law["name"]),
-        control_period=float(config.scenario.sample_period),
+        control_period=resolved.sample_period,
         seeds=seeds,
         # A flight without a task pays no reward, and a return of zero would look like one.
         metrics={
@@ -106,10 +110,43 @@ def fly_law(
     )
 
 
+def fly_pilot(
+    pilot: Pilot,
+    config: Config,
+    *,
+    env_id: str,
+    seed: int,
+    episodes: int,
+    label: str,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Fly whoever flies manoeuvres from end to end; parameters as for :func:`fly_law`."""
+    if isinstance(pilot, LawPilot):
+        return fly_law(
+            pilot.law,
+            config,
+            env_id=env_id,
+            seed=seed,
+            episodes=episodes,
+            label=label,
+            progress=progress,
+        )
+    seeds = episode_seeds(seed, episodes)
+    scenarios = scenarios_of(env_id, config, seed, episodes)
+    return Episodes(
+        label=label,
+        control_period=pilot.control_period,
+        seeds=seeds,
+        metrics=pilot.fly(scenarios, seed=seed, progress=progress),
+        context=_context(scenarios),
+        details=pilot.details,
+    )
+
+
 def fly_policy(
     policy: Policy,
     env_id: str,
-    config: drm_env.EnvConfig,
+    config: Config,
     *,
     seed: int,
     episodes: int,
@@ -147,19 +184,20 @@ def fly_policy(
         The environment asks at another period than the policy's own.
     """
     seeds = episode_seeds(seed, episodes)
-    scenarios = scenarios_of(env_id, config, seed, episodes)
+    resolved = drm_env.resolve(config=config)
+    scenarios = scenarios_of(env_id, resolved, seed, episodes)
     if isinstance(policy, NetworkPolicy):
-        policy.check_task(config)
+        policy.check_task(resolved.config)
     own = getattr(policy, "control_period", None)
     if own is not None and getattr(policy, "name", None) != "none":
-        check_period(label, float(own), float(config.task.control_period))
+        check_period(label, float(own), resolved.control_period)
     # a subclass may decide otherwise than its network
     if type(policy) is NetworkPolicy:
         metrics: dict[str, NDArray[np.float64]] = drm_env.rollout(
             scenarios,
             policy=policy.network.engine(),
             task=task_of(env_id),
-            config=config,
+            config=resolved,
             seed=seed,
             progress=progress,
         )
@@ -167,13 +205,13 @@ def fly_policy(
         parts: list[dict[str, NDArray[np.float64]]] = []
         for first in range(0, episodes, _CHUNK):
             count = min(_CHUNK, episodes - first)
-            parts.append(_fly_chunk(policy, env_id, config, seed + first, count))
+            parts.append(_fly_chunk(policy, env_id, resolved, seed + first, count))
             if progress is not None:
                 progress(first + count, episodes)
         metrics = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return Episodes(
         label=label,
-        control_period=float(config.task.control_period),
+        control_period=resolved.control_period,
         seeds=seeds,
         metrics=dict(metrics),
         context=_context(scenarios),
@@ -182,7 +220,7 @@ def fly_policy(
 
 
 def _fly_chunk(
-    policy: Policy, env_id: str, config: drm_env.EnvConfig, seed: int, count: int
+    policy: Policy, env_id: str, config: drm_env.ResolvedConfig, seed: int, count: int
 ) -> dict[str, NDArray[np.float64]]:
     env = gym.make_vec(env_id, num_envs=count, config=config)
     try:

@@ -28,6 +28,7 @@ from drm_baselines.optimal_control.quadratic_program import (
     rms,
     torque_limits,
 )
+from drm_env.constants import LAW_PERIOD, SIGNAL_NAMES
 
 HOLD = 10
 """Samples that the torques are held for."""
@@ -145,6 +146,70 @@ def bound_of(scenario: Mapping[str, Any]) -> Bound:
             break
     assert best is not None, "there is at least one scaling"
     return best
+
+
+class BoundPilot:
+    """The bound as who flies: the best torques of each manoeuvre, solved for its true payload.
+
+    Parameters
+    ----------
+    name
+        In commands and files.
+    """
+
+    control_period = HOLD * LAW_PERIOD
+
+    def __init__(self, name: str = "bound") -> None:
+        self.name = name
+
+    @property
+    def details(self) -> Mapping[str, Any]:
+        """Nothing: there is one bound."""
+        return {}
+
+    def fly(
+        self,
+        scenarios: Sequence[Mapping[str, Any]],
+        *,
+        seed: int | Sequence[int] = 0,  # noqa: ARG002
+        progress: Callable[[int, int], None] | None = None,
+    ) -> dict[str, _Array]:
+        """See :class:`drm_baselines.policies.pilots.Pilot`; nothing is measured, so no noise is.
+
+        Besides the engine's metrics ``bound_predicted``, the RMS of the tip error by the programme
+        (m), and ``bound_solved``, whether the solver reached its tolerance.
+
+        Raises
+        ------
+        BaselineError
+            A flight that diverged, with the scenario's place.
+        """
+        bounds = bounds_of(scenarios, progress=progress)
+        found = {
+            name: np.array([bound.metrics[name] for bound in bounds])
+            for name in bounds[0].metrics
+            if name != "episode_return"
+        }
+        found["bound_predicted"] = np.array([bound.predicted for bound in bounds])
+        found["bound_solved"] = np.array([float(bound.solved) for bound in bounds])
+        return found
+
+    def trajectory(
+        self,
+        scenario: Mapping[str, Any],
+        *,
+        seed: int = 0,  # noqa: ARG002
+        decimation: int = 1,
+    ) -> drm_env.Trajectory:
+        """See :class:`drm_baselines.policies.pilots.Pilot`."""
+        torques = bound_of(scenario).torques
+        return drm_env.rollout(
+            [ideal(scenario)],
+            torques=torques[None],
+            hold=HOLD,
+            signals=SIGNAL_NAMES,
+            decimation=decimation,
+        ).trajectory(0)
 
 
 def bounds_of(

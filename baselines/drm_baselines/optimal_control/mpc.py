@@ -24,6 +24,7 @@ from drm_baselines.optimal_control.kalman_filter import MEASURED, Observer, meas
 from drm_baselines.optimal_control.quadratic_program import Programme, closed_loop, torque_limits
 from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
 from drm_baselines.support.processes import process_pool
+from drm_env.constants import LAW_PERIOD
 
 _Array = NDArray[np.float64]
 
@@ -338,7 +339,10 @@ class Controller:
 
 
 def fly_one(
-    scenario: Mapping[str, Any], seed: int = 0, settings: Receding | None = None
+    scenario: Mapping[str, Any],
+    seed: int = 0,
+    settings: Receding | None = None,
+    looked: Callable[[Mapping[str, float]], None] | None = None,
 ) -> dict[str, float]:
     """Fly one scenario; return the engine's metrics and ``plans``, the number of solved programmes.
 
@@ -350,6 +354,8 @@ def fly_one(
         Of the sensors' noise.
     settings
         By default those of the benchmark.
+    looked
+        Called with the true signals by name, SI, at the beginning and after each decision.
 
     Raises
     ------
@@ -369,9 +375,13 @@ def fly_one(
             if entry.name in ("payload_mass", "payload_length", "payload_width")
         ]
         controller = Controller(told(whole, payload), whole["sensors"], settings)
+        if looked is not None:
+            looked(env.lanes[0].signals())
         while True:
             actions = controller.act(observations[0])[None]
             observations, _, terminated, truncated, info = env.step(actions)
+            if looked is not None:
+                looked(env.lanes[0].signals())
             if terminated[0] or truncated[0]:
                 break
     finally:
@@ -449,3 +459,54 @@ def fly_all(
 
 def _job(job: tuple[Mapping[str, Any], int, Receding | None]) -> dict[str, float]:
     return fly_one(*job)
+
+
+class RecedingPilot:
+    """The receding-horizon controller as who flies.
+
+    Parameters
+    ----------
+    name
+        In commands and files.
+    settings
+        By default those of the benchmark.
+    """
+
+    def __init__(self, name: str = "receding", settings: Receding | None = None) -> None:
+        self.name = name
+        self.settings = Receding() if settings is None else settings
+
+    @property
+    def control_period(self) -> float:
+        """Time between two decisions, s, at the engine's usual sample period."""
+        return self.settings.hold * LAW_PERIOD
+
+    @property
+    def details(self) -> Mapping[str, Any]:
+        """The settings."""
+        return {"receding": asdict(self.settings)}
+
+    def fly(
+        self,
+        scenarios: Sequence[Mapping[str, Any]],
+        *,
+        seed: int | Sequence[int] = 0,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> dict[str, _Array]:
+        """See :class:`drm_baselines.policies.pilots.Pilot`, and :func:`fly_all` for errors."""
+        seeds = range(seed, seed + len(scenarios)) if isinstance(seed, int) else seed
+        return fly_all(scenarios, seeds=seeds, settings=self.settings, progress=progress)
+
+    def trajectory(
+        self,
+        scenario: Mapping[str, Any],
+        *,
+        seed: int = 0,
+        decimation: int = 1,  # noqa: ARG002
+    ) -> drm_env.Trajectory:
+        """See :class:`drm_baselines.policies.pilots.Pilot`; a row a decision."""
+        rows: list[Mapping[str, float]] = []
+        metrics = fly_one(scenario, seed, self.settings, rows.append)
+        return drm_env.Trajectory(
+            {name: np.array([row[name] for row in rows]) for name in rows[0]}, metrics
+        )

@@ -3,8 +3,9 @@
     policy = make_policy("lyapunov", env=env)
     action, state = policy.predict(observation, state=None, episode_start=None)
 
-``registry`` makes them by name, ``names`` says how they are called and drawn, ``law_policy`` and
-``perceptron`` are the two kinds, ``policy_file`` and ``gains`` read what is stored of them.
+``registry`` makes them by name, ``names`` says how they are called and drawn, ``pilots`` flies
+whole manoeuvres under each of these names, ``law_policy`` and ``perceptron`` are the two kinds,
+``policy_file`` and ``gains`` read what is stored of them.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ from drm_baselines.support.lazy import exports
 if TYPE_CHECKING:
     from drm_baselines.policies.compatibility import config_of
     from drm_baselines.policies.gains import TUNED, load_gains
-    from drm_baselines.policies.law_policy import LAW_PERIOD, LawPolicy, Policy, law_name
+    from drm_baselines.policies.law_policy import LawPolicy, Policy, law_name
+    from drm_baselines.policies.names import find, names_of
     from drm_baselines.policies.perceptron import NetworkPolicy, Perceptron
+    from drm_baselines.policies.pilots import Pilot, law_data, pilot_named
     from drm_baselines.policies.policy_file import load_policy, save_policy
-    from drm_baselines.policies.registry import LAWS, LEARNED, law_data, make_policy, shipped_policy
+    from drm_baselines.policies.registry import LAWS, LEARNED, make_policy, shipped_policy
+    from drm_env.constants import LAW_PERIOD
 
 __all__ = [
     "LAWS",
@@ -29,13 +33,17 @@ __all__ = [
     "LawPolicy",
     "NetworkPolicy",
     "Perceptron",
+    "Pilot",
     "Policy",
     "config_of",
+    "find",
     "law_data",
     "law_name",
     "load_gains",
     "load_policy",
     "make_policy",
+    "names_of",
+    "pilot_named",
     "save_policy",
     "shipped_policy",
 ]
@@ -43,7 +51,9 @@ __all__ = [
 __getattr__ = exports(
     __name__,
     {
-        ".registry": ["LAWS", "LEARNED", "law_data", "make_policy", "shipped_policy"],
+        ".registry": ["LAWS", "LEARNED", "make_policy", "shipped_policy"],
+        ".names": ["find", "names_of"],
+        ".pilots": ["Pilot", "law_data", "pilot_named"],
         ".law_policy": ["LAW_PERIOD", "LawPolicy", "Policy", "law_name"],
         ".gains": ["TUNED", "load_gains"],
         ".perceptron": ["NetworkPolicy", "Perceptron"],

@@ -1,7 +1,8 @@
-"""Name, title, colour, line and marker of every policy: the one place that says them.
+"""Name, kind, title, colour, line and marker of every policy: the one place that says them.
 
-Commands take the names, tables and pictures show the titles, and a policy has the same colour, line
-and marker in every picture. Colours are those of Okabe and Ito, which stay apart for the
+Commands take the names, list them in their help and say them where somebody gives another one;
+tables and pictures show the titles, and a policy has the same colour, line and marker in every
+picture. Colours are those of Okabe and Ito, which stay apart for the
 colour-blind; policies of one family share a colour and differ in line and marker.
 """
 
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from drm_baselines.errors import PolicyError
 from drm_baselines.support.palette import OKABE_ITO
 
 _DOTS = (0, (1, 1.5))
@@ -26,6 +28,9 @@ class PolicyName:
     ----------
     name
         In commands and files.
+    kind
+        What it is: ``"bound"`` (what no policy can be better than), ``"open loop"``, ``"law"``,
+        ``"tuned law"`` (gains of ``drm tune``), ``"controller"`` (plans ahead), ``"learned"``.
     title
         In tables and pictures.
     colour, line, marker
@@ -33,10 +38,16 @@ class PolicyName:
     """
 
     name: str
+    kind: str
     title: str
     colour: str
     line: Any = "-"
     marker: str = "o"
+
+    @property
+    def knows(self) -> str:
+        """What it is told of the payload: ``"true"`` or ``"reported"``."""
+        return "true" if self.kind == "bound" else "reported"
 
     @property
     def style(self) -> dict[str, Any]:
@@ -44,29 +55,34 @@ class PolicyName:
         return {"color": self.colour, "linestyle": self.line, "marker": self.marker}
 
 
-def _all(*rows: tuple[str, str, str, Any, str]) -> dict[str, PolicyName]:
+def _all(*rows: tuple[str, str, str, str, Any, str]) -> dict[str, PolicyName]:
     return {
-        name: PolicyName(name=name, title=title, colour=OKABE_ITO[colour], line=line, marker=marker)
-        for name, title, colour, line, marker in rows
+        name: PolicyName(
+            name=name, kind=kind, title=title, colour=OKABE_ITO[colour], line=line, marker=marker
+        )
+        for name, kind, title, colour, line, marker in rows
     }
 
 
 POLICIES = _all(
-    ("bound", "bound", "black", "-", "8"),
-    ("none", "open loop", "grey", "-", "X"),
-    ("linear", "linear law", "blue", "-", "o"),
-    ("lyapunov", "Lyapunov law", "orange", "-", "^"),
-    ("linear_tuned", "linear law, retuned", "blue", "--", "s"),
-    ("lyapunov_tuned", "Lyapunov law, retuned", "orange", "--", "v"),
-    ("lqr", "LQR, scheduled and tuned", "blue", _DOTS, "D"),
-    ("receding", "adaptive receding horizon", "green", "-", "P"),
-    ("dagger", "imitation and gradient, residual", "vermilion", "-", "*"),
-    ("ppo", "PPO, residual on the linear law", "purple", "-", "<"),
-    ("sac", "SAC, residual on the linear law", "sky blue", "-", ">"),
-    ("ppo_direct", "PPO end to end", "purple", "--", "p"),
-    ("sac_direct", "SAC end to end", "sky blue", "--", "h"),
+    ("bound", "bound", "bound", "black", "-", "8"),
+    ("none", "open loop", "open loop", "grey", "-", "X"),
+    ("linear", "law", "linear law", "blue", "-", "o"),
+    ("lyapunov", "law", "Lyapunov law", "orange", "-", "^"),
+    ("linear_tuned", "tuned law", "linear law, retuned", "blue", "--", "s"),
+    ("lyapunov_tuned", "tuned law", "Lyapunov law, retuned", "orange", "--", "v"),
+    ("lqr", "tuned law", "LQR, scheduled and tuned", "blue", _DOTS, "D"),
+    ("receding", "controller", "adaptive receding horizon", "green", "-", "P"),
+    ("dagger", "learned", "imitation and gradient, residual", "vermilion", "-", "*"),
+    ("ppo", "learned", "PPO, residual on the linear law", "purple", "-", "<"),
+    ("sac", "learned", "SAC, residual on the linear law", "sky blue", "-", ">"),
+    ("ppo_direct", "learned", "PPO end to end", "purple", "--", "p"),
+    ("sac_direct", "learned", "SAC end to end", "sky blue", "--", "h"),
 )
 """Every policy by name, in the order of tables."""
+
+ALIASES = {"learned": "dagger"}
+"""Other names of policies."""
 
 _BY_TITLE = {entry.title: entry for entry in POLICIES.values()}
 
@@ -76,6 +92,36 @@ _OTHERS = tuple(
     for line, marker in ((_DASH_DOTS, "d"), ("-.", "H"))
     for colour in ("vermilion", "green", "purple", "sky blue")
 )
+
+
+def names_of(*kinds: str) -> tuple[str, ...]:
+    """Return the names of the policies of some kinds, or of all, in the order of tables."""
+    return tuple(name for name, entry in POLICIES.items() if not kinds or entry.kind in kinds)
+
+
+def listed() -> str:
+    """Return all names in one line, for help and errors."""
+    others = (f"{other} (another name of {name})" for other, name in ALIASES.items())
+    return ", ".join((*names_of(), *others))
+
+
+def is_name(text: str) -> bool:
+    """Return whether a policy has this name."""
+    return text in POLICIES or text in ALIASES
+
+
+def find(name: str) -> PolicyName:
+    """Return the policy of a name.
+
+    Raises
+    ------
+    PolicyError
+        There is none; the message lists what there is.
+    """
+    entry = POLICIES.get(ALIASES.get(name, name))
+    if entry is None:
+        raise PolicyError(f"no policy {name!r}; there are {listed()}")
+    return entry
 
 
 def title_of(name: str) -> str:

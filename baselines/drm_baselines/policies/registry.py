@@ -1,9 +1,8 @@
-"""Policies by name: what ``make_policy`` and the commands know."""
+"""Policies by name: what ``make_policy`` makes of the names that the commands know."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -15,48 +14,29 @@ from drm_baselines.policies.compatibility import (
     config_of,
     decision_period,
 )
-from drm_baselines.policies.gains import TUNED, load_gains
 from drm_baselines.policies.law_policy import LawPolicy
+from drm_baselines.policies.names import find, names_of
 from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.policies.pilots import law_data, shipped_run
 from drm_baselines.policies.policy_file import load_policy
 
-LAWS = ("none", "linear", "lyapunov")
+LAWS = names_of("open loop", "law")
 """Control laws by name: open loop, linear and Lyapunov-based feedback."""
 
 LEARNED = "learned"
 """Name of the learned policy that comes with the package."""
 
 
-def law_data(name: str, **parameters: Any) -> dict[str, Any]:
-    """Return a law as data for the engine, after checking that the name exists.
-
-    Raises
-    ------
-    PolicyError
-        No law of this name, the message lists what exists; or parameters for tuned gains.
-    """
-    if name in TUNED:
-        if parameters:
-            raise PolicyError(
-                f"the gains of {name!r} are those of drm tune: {sorted(parameters)[0]!r} cannot be "
-                "given"
-            )
-        return dict(load_gains(TUNED[name])["law"])
-    if name not in LAWS:
-        if name == LEARNED:
-            raise PolicyError(
-                "'learned' is a network and no law: make_policy('learned') loads the one that "
-                "comes with the package, drm_baselines.load_policy(directory) any other"
-            )
-        raise PolicyError(f"no policy {name!r}; there are {', '.join((*LAWS, *TUNED, LEARNED))}")
-    return {"name": name, **parameters}
-
-
 def make_policy(
     name: str,
     *,
     env: Any = None,
-    config: drm_env.EnvConfig | Mapping[str, Any] | str | Path | None = None,
+    config: drm_env.EnvConfig
+    | drm_env.ResolvedConfig
+    | Mapping[str, Any]
+    | str
+    | Path
+    | None = None,
     **law_parameters: Any,
 ) -> LawPolicy | NetworkPolicy:
     """Make a policy that acts on observations. No torch is imported.
@@ -66,8 +46,11 @@ def make_policy(
     name
         ``"none"`` (open loop, or the environment's inner law alone), ``"linear"`` or
         ``"lyapunov"`` with the thesis' gains; ``"lqr"``, ``"linear_tuned"`` or
-        ``"lyapunov_tuned"`` with those of ``drm tune``; ``"learned"``, the network that comes
-        with the package, which acts in the task of its ``config``.
+        ``"lyapunov_tuned"`` with those of ``drm tune``; ``"dagger"`` (or ``"learned"``), ``"ppo"``,
+        ``"sac"``, ``"ppo_direct"`` or ``"sac_direct"``, the first network of that method that comes
+        with the package, which acts in the task of its ``config``. What plans a whole manoeuvre
+        (``"receding"``, ``"bound"``) does not act on observations: see
+        :func:`drm_baselines.policies.pilots.pilot_named`.
     env
         The environment it will act in: single, vector or Stable-Baselines3. A law then divides by
         the torque limits of the very episodes that are flown; wrappers that change observations
@@ -92,15 +75,21 @@ def make_policy(
     """
     if env is not None and config is not None:
         raise PolicyError("give env or config, not both")
-    if name == LEARNED:
-        return _learned(env, config, law_parameters)
+    kind = find(name).kind
+    if kind == "learned":
+        return _learned(name, env, config, law_parameters)
+    if kind in ("controller", "bound"):
+        raise PolicyError(
+            f"{name!r} plans a whole manoeuvre and does not act on observations: drm compare, "
+            "evaluate, simulate and benchmark fly it"
+        )
     law = law_data(name, **law_parameters)
     if env is not None:
         resolved = config_of(env)
     elif isinstance(config, drm_env.EnvConfig):
         resolved = config
     else:
-        resolved = drm_env.DrmEnv(config=config).config
+        resolved = drm_env.resolve(config=config).config
     policy = LawPolicy(law, resolved, env)
     if name != "none":
         check_period(name, policy.control_period, decision_period(env, resolved))
@@ -109,17 +98,17 @@ def make_policy(
 
 def shipped_policy() -> Path:
     """Return the directory of the learned policy that comes with the package."""
-    return Path(str(resources.files("drm_baselines") / "learned" / "dagger" / "seed_0"))
+    return shipped_run(LEARNED)
 
 
-def _learned(env: Any, config: Any, parameters: Mapping[str, Any]) -> NetworkPolicy:
+def _learned(name: str, env: Any, config: Any, parameters: Mapping[str, Any]) -> NetworkPolicy:
     if parameters:
-        raise PolicyError(f"'learned' has no parameter {sorted(parameters)[0]!r}")
-    policy = load_policy(shipped_policy())
+        raise PolicyError(f"{name!r} has no parameter {sorted(parameters)[0]!r}")
+    policy = load_policy(shipped_run(name))
     if env is not None or config is not None:
-        resolved = config_of(env) if env is not None else drm_env.DrmEnv(config=config).config
+        resolved = config_of(env) if env is not None else drm_env.resolve(config=config).config
         if env is not None:
             check_environment(env, resolved)
         policy.check_task(resolved)
-        check_period(LEARNED, policy.control_period, decision_period(env, resolved))
+        check_period(name, policy.control_period, decision_period(env, resolved))
     return policy

@@ -19,6 +19,7 @@ from drm_baselines.optimal_control import lower_bound
 from drm_baselines.optimal_control.mpc import (
     Controller,
     Receding,
+    RecedingPilot,
     fly_all,
     fly_one,
     told,
@@ -147,7 +148,7 @@ def test_settings_are_part_of_the_fingerprint_and_episodes_of_the_bounds() -> No
     controller = next(one for one in competitors() if one.policy == "receding")
     manoeuvres = suites.load("thesis")
     softer = type(controller)(
-        policy="receding", title="", kind="controller", receding=Receding(effort=1e-2)
+        policy="receding", pilot=RecedingPilot(settings=Receding(effort=1e-2))
     )
     assert fingerprint(controller, manoeuvres) != fingerprint(softer, manoeuvres)
     for name, count in RECEDING_EPISODES.items():
