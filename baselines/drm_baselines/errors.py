@@ -7,6 +7,7 @@ refused request from a bug.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -34,22 +35,32 @@ class WriteError(BaselineError):
     """A result that could not be written: no room, no permission, no such place."""
 
 
-def missing_extra(purpose: str, extra: str, error: ImportError) -> BaselineError:
-    """Return the error for a package that only an extra of this distribution installs.
+class MissingPackageError(BaselineError, ModuleNotFoundError):
+    """A package that is not installed, with the extra of this distribution that installs it.
 
-    Parameters
+    Attributes
     ----------
-    purpose
-        What needs it, such as ``"training"``.
+    name
+        The first of the packages, as it is imported.
+    packages
+        All that are missing.
     extra
-        ``"learn"``, ``"tune"`` or ``"bench"``.
-    error
-        What importing it said.
+        Name of the extra.
     """
-    source = Path(__file__).resolve().parents[1]
-    where = str(source) if (source / "pyproject.toml").is_file() else "./baselines"
-    place = "" if where == str(source) else " in a clone of the project"
-    return BaselineError(
-        f"{purpose} needs the extra {extra!r}: {error}. Install it with: "
-        f"python -m pip install '{where}[{extra}]'{place}"
-    )
+
+    def __init__(self, purpose: str, extra: str, packages: Sequence[str], reason: str = "") -> None:
+        """State what needs which packages, why they cannot be used, and what installs them."""
+        source = Path(__file__).resolve().parents[1]
+        # a source tree is installed as such again, or pip would put a copy in its place
+        in_source = (source / "pyproject.toml").is_file()
+        command = f"python -m pip install {'-e ' if in_source else ''}"
+        place = f"'{source if in_source else './baselines'}[{extra}]'"
+        needed = " and ".join(part for part in (", ".join(packages[:-1]), *packages[-1:]) if part)
+        super().__init__(
+            f"{purpose} needs {needed}{f' ({reason})' if reason else ''}, which the extra "
+            f"{extra!r} installs. Install it with: {command}{place}"
+            f"{'' if in_source else ' in a clone of the project'}"
+        )
+        self.name = packages[0]
+        self.packages = tuple(packages)
+        self.extra = extra

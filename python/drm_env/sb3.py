@@ -13,7 +13,6 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from drm_env._batch import episode_rows
 from drm_env._common import EPISODE_KEYS, OF_BATCH, REWARD_KEYS, OptionsAreNoAttributes
@@ -21,6 +20,15 @@ from drm_env.errors import ConfigError
 from drm_env.lane import Lane
 from drm_env.resolution import spec_of
 from drm_env.vector import DrmVectorEnv
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"drm_env.sb3 needs Stable-Baselines3, and there is no module {error.name!r}. Install it "
+        "with: python -m pip install stable-baselines3",
+        name=error.name,
+    ) from error
 
 __all__ = ["DrmSB3VecEnv", "make_sb3_vec"]
 

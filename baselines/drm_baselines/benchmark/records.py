@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_baselines.errors import BaselineError, RunError
+from drm_baselines.errors import RunError
 from drm_baselines.support import storage
+from drm_baselines.support.extras import needing
 
 FORMAT = "drm-benchmark-records"
 FORMAT_VERSION = 1
@@ -153,7 +154,5 @@ def read_record(path: Path) -> Record:
 
 
 def _parquet() -> tuple[Any, Any]:
-    try:
+    with needing("the benchmark's records", "report"):
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise BaselineError("the benchmark's records need pyarrow (pip install pyarrow)") from error

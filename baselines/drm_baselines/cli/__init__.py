@@ -13,6 +13,8 @@ import sys
 import warnings
 from typing import TYPE_CHECKING, Any
 
+from drm_baselines.errors import MissingPackageError
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 if TYPE_CHECKING:
@@ -38,15 +40,26 @@ def _open_descriptors() -> None:
         os.close(descriptor)
 
 
+def _without_terminal(error: MissingPackageError) -> int:
+    """Say on standard error, without the packages that do so otherwise, what is missing."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"error: {error}\n".encode())
+    return 2
+
+
 def main() -> None:
     """Run the command line."""
     _open_descriptors()
-    with leaving_at_once():
-        import typer
+    try:
+        with leaving_at_once():
+            require("the command drm", "cli")
+            import typer
 
-        from drm_baselines.cli.application import app
-        from drm_baselines.cli.common import ending_well
-        from drm_baselines.cli.terminal import complain, output
+            from drm_baselines.cli.application import app
+            from drm_baselines.cli.common import ending_well
+            from drm_baselines.cli.terminal import complain, output
+    except MissingPackageError as error:
+        sys.exit(_without_terminal(error))
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:
         complain(str(message), "warning")

@@ -10,6 +10,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, MOST_STEPS, guarded, json_target
 from drm_baselines.cli.terminal import counting, note, output, say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 if TYPE_CHECKING:
@@ -99,6 +100,7 @@ def bench(
     if markdown is not None:
         report.check_markdown(markdown, names)
     if out is not None:
+        require("pictures of the measurements (--out)", "bench", "matplotlib")
         storage.claim_directory(out, force=force)
     kept = any(place is not None for place in (json_file, markdown, out))
     results = []

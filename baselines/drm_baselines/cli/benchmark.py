@@ -13,6 +13,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, guarded, json_target
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.policies.names import listed
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 
@@ -76,6 +77,7 @@ def benchmark(
     episodes. Records are kept; a policy that has flown is not flown again. Lengths are in mm and
     angles in degrees in the tables, SI and radians in the files.
     """
+    require("drm benchmark", "report")
     with leaving_at_once():
         from drm_baselines import suites
         from drm_baselines.benchmark import competitors as competing

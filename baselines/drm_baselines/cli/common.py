@@ -14,6 +14,7 @@ import typer
 from drm_baselines.cli.terminal import complain, complaints, note, output
 from drm_baselines.errors import BaselineError
 from drm_baselines.policies.names import listed
+from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import Stopped, handled_by, interrupt
 from drm_baselines.support.reading import parse_json, shown
 
@@ -80,7 +81,8 @@ def ending_well(action: Callable[[], _R]) -> _R:
     for stream in (output, complaints):
         stream.failure = None
     try:
-        with handled_by(interrupt):
+        # commands ask for their packages first; this is for what they have not thought of
+        with handled_by(interrupt), needing("this command"):
             result = action()
             output.flush()
     except KeyboardInterrupt as error:

@@ -9,6 +9,7 @@ import typer
 
 from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 
@@ -42,6 +43,7 @@ def compare(
     which takes seconds each. Lengths are in mm and angles in degrees in the table, SI and radians
     in the files.
     """
+    require("drm compare", "evaluate", "scipy", *(["matplotlib"] if out is not None else []))
     with leaving_at_once():
         from drm_baselines.evaluation.comparison import report_of, write_comparison
         from drm_baselines.evaluation.contestants import Arena, contestant_named, fly_all

@@ -20,6 +20,7 @@ from drm_baselines.cli.common import MOST_STEPS, guarded
 from drm_baselines.cli.terminal import console, counting, progress_bar, say, say_files, show
 from drm_baselines.cli.train import ConsoleWatcher, training_module
 from drm_baselines.rl.hyperparameters import MOST_ENVS, load_hyperparameters
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
@@ -180,6 +181,7 @@ def demo(
     force: Annotated[bool, typer.Option("--force", help="Replace results in --out.")] = False,
 ) -> None:
     """Fly the thesis' manoeuvre, train an agent on top of the linear law, compare them all."""
+    require("drm demo", "learn", "matplotlib", "scipy", "stable_baselines3", "torch")
     training_module()
     with leaving_at_once():
         from drm_baselines.evaluation.comparison import report_of, write_comparison

@@ -10,6 +10,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 
@@ -44,6 +45,7 @@ def evaluate(
     set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
 ) -> None:
     """Fly one policy over seeded episodes and report the engine's metrics."""
+    require("drm evaluate", "evaluate", "scipy")
     with leaving_at_once():
         from drm_baselines.evaluation.contestants import Arena, contestant_named, fly_all
         from drm_baselines.evaluation.records import write_records
@@ -65,6 +67,8 @@ def evaluate(
             env_id = "drm_env/Slew-v0"
     if records is not None and records.suffix not in (".csv", ".parquet"):
         raise BaselineError(f"--records takes a .csv or .parquet file, got {records}")
+    if records is not None and records.suffix == ".parquet":
+        require("a Parquet file (CSV works without)", "report", "pyarrow")
     for path in (records, out):
         if path is not None:
             storage.claim_file(path, force=force)

@@ -9,8 +9,9 @@ import typer
 
 from drm_baselines.cli.common import MOST_MANOEUVRES, MOST_ROUNDS, guarded
 from drm_baselines.cli.terminal import progress_bar, say
-from drm_baselines.errors import BaselineError, missing_extra
+from drm_baselines.errors import BaselineError
 from drm_baselines.support import memory
+from drm_baselines.support.extras import needing, require
 from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 _PLAN_BYTES = 200_000
@@ -19,16 +20,14 @@ _INTERVALS_BYTES = 2_000_000
 
 
 def _modules() -> tuple[Any, Any, Any, Any]:
-    try:
-        with leaving_at_once():
-            from drm_baselines.imitation import (
-                analytic_gradient,
-                dagger,
-                plant_jacobian,
-                teacher,
-            )
-    except ImportError as error:
-        raise missing_extra("imitation", "learn", error) from error
+    require("imitation", "learn", "clarabel", "scipy", "torch")
+    with leaving_at_once(), needing("imitation", "learn"):
+        from drm_baselines.imitation import (
+            analytic_gradient,
+            dagger,
+            plant_jacobian,
+            teacher,
+        )
     return dagger, analytic_gradient, plant_jacobian, teacher
 
 

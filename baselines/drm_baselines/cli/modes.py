@@ -10,6 +10,7 @@ import typer
 from drm_baselines.cli.common import JSON_HELP, guarded
 from drm_baselines.cli.terminal import say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 if TYPE_CHECKING:
@@ -114,6 +115,7 @@ def modes(
     if elements is not None and "finite_element" not in names:
         raise BaselineError("--elements is for the plant finite_element")
     if plot is not None:
+        require("a picture of the frequencies", "plot")
         storage.claim_file(plot, force=force)
     places = sorted(set(extensions)) if extensions else [float(a) for a in range(1, 9)]
     models: dict[str, drm_env.Model] = {}

@@ -9,6 +9,7 @@ import typer
 
 from drm_baselines.cli.common import guarded
 from drm_baselines.cli.terminal import progress_bar, say, show
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 
 
@@ -44,6 +45,7 @@ def reproduce(
     not reproduced, with the reason. The studies named consistent-* fly the plant that follows the
     particles and turns link 2 with link 1, which the thesis does not have.
     """
+    require("drm reproduce", "evaluate", "matplotlib", "scipy")
     with leaving_at_once():
         from drm_baselines.thesis import select, terminal, writing
 

@@ -13,6 +13,7 @@ import typer
 from drm_baselines.cli.common import POLICY_HELP, guarded
 from drm_baselines.cli.terminal import complain, say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
 from drm_baselines.support.reading import read_table, shown
 
@@ -166,6 +167,7 @@ def simulate(
     pilots = {name: pilot_named(name) for name in names}
     _check_memory(description, decimation, len(pilots))
     if out is not None:
+        require("a picture of the manoeuvre (--out)", "plot")
         storage.claim_directory(out, force=force)
     flights = {
         name: pilot.trajectory(description, decimation=decimation) for name, pilot in pilots.items()

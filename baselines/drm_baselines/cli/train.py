@@ -16,8 +16,9 @@ from drm_baselines.cli.common import (
     parse_options,
 )
 from drm_baselines.cli.terminal import progress_bar, say
-from drm_baselines.errors import BaselineError, missing_extra
+from drm_baselines.errors import BaselineError
 from drm_baselines.rl import hyperparameters as settings_files
+from drm_baselines.support.extras import needing, require
 from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
@@ -64,14 +65,12 @@ def training_module() -> Any:
 
     Raises
     ------
-    BaselineError
-        Torch or Stable-Baselines3 is not installed.
+    MissingPackageError
+        Torch, Stable-Baselines3 or SciPy is not installed.
     """
-    try:
-        with leaving_at_once():
-            from drm_baselines.rl import training
-    except ImportError as error:
-        raise missing_extra("training", "learn", error) from error
+    require("training", "learn", "scipy", "stable_baselines3", "torch")
+    with leaving_at_once(), needing("training", "learn"):
+        from drm_baselines.rl import training
     return training
 
 

@@ -17,6 +17,7 @@ from drm_baselines.cli.common import (
 )
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.errors import BaselineError
+from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import exit_code, leaving_at_once
 
 if TYPE_CHECKING:
@@ -147,6 +148,7 @@ def tune(
     packaged settings. The same command goes on with a search that was interrupted (Ctrl-C keeps
     what is there) and ends with the same digits; more --trials extend one.
     """
+    require("drm tune", "tune", "clarabel", "optuna", "scipy")
     with leaving_at_once():
         from drm_baselines.tuning import (
             laws,

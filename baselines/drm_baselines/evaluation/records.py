@@ -24,6 +24,7 @@ from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation import statistics
 from drm_baselines.evaluation.metrics import HEADLINE, describe
 from drm_baselines.support import storage
+from drm_baselines.support.extras import needing
 
 _FRACTIONS = ("settled", "saturation", "diverged")
 
@@ -211,13 +212,9 @@ def write_records(
                 )
         return [path, storage.write_json(beside, dict(settings), overwrite=overwrite)]
     if path.suffix == ".parquet":
-        try:
+        with needing("a Parquet file (CSV works without)", "report"):
             pyarrow = importlib.import_module("pyarrow")
             parquet = importlib.import_module("pyarrow.parquet")
-        except ImportError as error:
-            raise BaselineError(
-                "Parquet files need pyarrow (pip install pyarrow); CSV works without it"
-            ) from error
         table = pyarrow.table({name: [row.get(name) for row in rows] for name in columns})
         text = json.dumps(storage.plain(dict(settings)), allow_nan=False)
         table = table.replace_schema_metadata({"drm_settings": text})

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from drm_baselines.support.extras import needing
+
 RESAMPLES = 4000
 CONFIDENCE = 0.95
 _TRIM = 0.25
@@ -98,7 +100,8 @@ def interquartile_mean(values: ArrayLike) -> float:
 
 def _trim_mean(values: NDArray[np.float64], axis: int = 0) -> Any:
     # imported where it is used: it takes a second, which tables of single flights need not wait for
-    from scipy import stats
+    with needing("statistics of episodes", "evaluate"):
+        from scipy import stats
 
     return stats.trim_mean(values, _TRIM, axis=axis)
 
@@ -116,7 +119,8 @@ def _real(value: float) -> float:
 
 
 def _estimate(values: NDArray[np.float64], seed: int, *, trimmed: bool) -> Estimate:
-    from scipy import stats
+    with needing("statistics of episodes", "evaluate"):
+        from scipy import stats
 
     statistic = _interquartile_axis if trimmed else _mean_axis
     # Quantiles of the resampled figures cannot be interpolated at infinity, so that diverged

@@ -7,12 +7,14 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.table import Table
-
 from drm_baselines.evaluation.metrics import Metric, describe
 from drm_baselines.evaluation.records import Episodes, headline
 from drm_baselines.evaluation.statistics import Estimate
 from drm_baselines.policies.names import title_of
+from drm_baselines.support.extras import needing
+
+with needing("a table", "cli"):
+    from rich.table import Table
 
 _WIDE = 128
 

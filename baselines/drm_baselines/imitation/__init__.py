@@ -1,1 +1,5 @@
 """Learning from a teacher who knows the payload: plans by convex programmes, imitated."""
+
+from drm_baselines.support.extras import require
+
+require("imitation", "learn", "clarabel", "scipy", "torch")

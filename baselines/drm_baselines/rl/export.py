@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.base_class import BaseAlgorithm
-from torch import nn
 
 from drm_baselines.errors import PolicyError
 from drm_baselines.policies.perceptron import Perceptron
+from drm_baselines.support.extras import needing
+
+with needing("training", "learn"):
+    import torch
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from torch import nn
 
 _ACTIVATIONS: dict[type[nn.Module], str] = {nn.Tanh: "tanh", nn.ReLU: "relu"}
 

@@ -8,12 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 import drm_env
 from drm_baselines.errors import RunError
@@ -26,7 +20,16 @@ from drm_baselines.rl.export import perceptron_of
 from drm_baselines.rl.request import TrainingRequest
 from drm_baselines.rl.staggered_resets import StaggeredStart
 from drm_baselines.support import memory
+from drm_baselines.support.extras import needing
 from drm_baselines.support.seeds import training_seed
+
+with needing("training", "learn"):
+    import torch
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.utils import LinearSchedule
+    from stable_baselines3.common.vec_env import VecEnv
+    from torch import nn
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 _ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}

@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 import drm_env
 from drm_baselines.errors import RunError
@@ -28,7 +25,13 @@ from drm_baselines.rl.run_record import (
     RunRecord,
 )
 from drm_baselines.support import provenance, storage
+from drm_baselines.support.extras import needing
 from drm_baselines.support.seeds import CURVE_SEED
+
+with needing("training", "learn"):
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 _CURVE_METRICS = (
     "episode_return", "tip_error_rms", "residual_rms", "settled", "settling_time",

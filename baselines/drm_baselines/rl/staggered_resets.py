@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from drm_baselines.support.extras import needing
+
+with needing("training", "learn"):
+    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 
 class StaggeredStart(VecEnvWrapper):

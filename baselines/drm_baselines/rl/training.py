@@ -15,9 +15,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-from stable_baselines3.common.logger import configure
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-
 import drm_env
 from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.evaluation.environments import config_data, environment_config
@@ -38,8 +35,13 @@ from drm_baselines.rl.run_record import (
     load_run,
 )
 from drm_baselines.support import provenance, storage
+from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import stop_on_signal
 from drm_baselines.support.seeds import CURVE_SEED, episode_seeds
+
+with needing("training", "learn"):
+    from stable_baselines3.common.logger import configure
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 
 def _new_record(request: TrainingRequest, config: drm_env.EnvConfig) -> RunRecord:

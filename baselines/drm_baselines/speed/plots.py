@@ -6,16 +6,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from drm_baselines.speed.measure import Spread
 from drm_baselines.speed.results import Curve, Section
+from drm_baselines.support.extras import needing
 from drm_baselines.support.figures import (
     LINES,
     SEQUENCE,
     save_figure,
     single,
 )
+
+with needing("a picture", "plot"):
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 
 def _errors(values: Sequence[Spread]) -> list[list[float]]:

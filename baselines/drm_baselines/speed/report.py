@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 from drm_baselines.speed.measure import Spread
 from drm_baselines.speed.results import (
     Bench,
@@ -21,8 +19,12 @@ from drm_baselines.speed.results import (
     cores,
 )
 from drm_baselines.support import provenance, storage
+from drm_baselines.support.extras import needing
 from drm_baselines.support.format import significant
 from drm_baselines.support.markers import marked_range
+
+with needing("a table", "cli"):
+    from rich.table import Table
 
 _CPU_INFO = Path("/proc/cpuinfo")
 

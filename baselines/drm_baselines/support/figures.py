@@ -10,15 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from drm_baselines.support import storage
+from drm_baselines.support.extras import needing
 from drm_baselines.support.palette import OKABE_ITO
+
+with needing("a picture", "plot"):
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 SEQUENCE = tuple(
     OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky blue")

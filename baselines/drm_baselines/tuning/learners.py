@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import drm_env
-from drm_baselines.errors import BaselineError, missing_extra
+from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.environments import environment_config
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.hyperparameters import Hyperparameters
 from drm_baselines.rl.request import SilentWatcher, TrainingRequest
 from drm_baselines.support import storage
+from drm_baselines.support.extras import needing
 
 if TYPE_CHECKING:
     pass
@@ -135,10 +136,8 @@ def tune_learning(
     environment that drm-env does not have is a :class:`BaselineError` too.
     """
     space = LEARNING[check_target(request.algorithm, tuple(LEARNING))]
-    try:
+    with needing("training", "learn"):
         from drm_baselines.rl import training
-    except ImportError as error:
-        raise missing_extra("training", "learn", error) from error
     base = hyperparameters.load_hyperparameters(request.algorithm, request.base)
     environment_config(request.env_id, base.env)
     show = progress or silent

@@ -26,8 +26,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drm_baselines.errors import BaselineError, ExistingResultError, missing_extra
+from drm_baselines.errors import BaselineError, ExistingResultError
 from drm_baselines.support import provenance, storage
+from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import stop_on_signal
 from drm_baselines.support.reading import read_table, shown
 
@@ -157,10 +158,8 @@ class Search:
 
 
 def _optuna() -> Any:
-    try:
+    with needing("tuning", "tune"):
         import optuna
-    except ImportError as error:
-        raise missing_extra("tuning", "tune", error) from error
     return optuna
 
 

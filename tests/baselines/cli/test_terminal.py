@@ -22,7 +22,7 @@ from typer.testing import CliRunner, Result
 import drm_baselines
 from drm_baselines.cli import app, terminal
 from drm_baselines.cli.common import ending_well, parse_value
-from drm_baselines.errors import BaselineError, missing_extra
+from drm_baselines.errors import BaselineError
 from drm_baselines.support import memory
 from drm_baselines.support.interruption import Stopped, exit_code, stop_on_signal
 from drm_baselines.support.reading import (
@@ -148,19 +148,6 @@ def test_the_file_after_json_is_still_written_with_a_warning(
         json.loads(old.read_text()).keys() == json.loads(new.read_text()).keys() == printed.keys()
     )
     assert "unexpected argument" in refuse("bench", "stray")
-
-
-def test_an_extra_that_is_missing_is_named_with_a_command_that_works() -> None:
-    import shlex
-    import tomllib
-
-    text = str(missing_extra("training", "learn", ImportError("No module named 'torch'")))
-    words = shlex.split(text.split("Install it with: ")[1])
-    assert words[:4] == ["python", "-m", "pip", "install"]
-    place, extra = words[4].removesuffix("]").split("[")
-    project = tomllib.loads((Path(place) / "pyproject.toml").read_text())["project"]
-    assert project["name"] == "drm-baselines"
-    assert extra in project["optional-dependencies"]
 
 
 def test_no_error_recommends_a_package_that_is_not_published() -> None:

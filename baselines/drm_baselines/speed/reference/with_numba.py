@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +17,10 @@ from drm_baselines.speed.reference.model import (
     Payloads,
     legs,
 )
+from drm_baselines.support.extras import needing
+
+with needing("the section rollout", "bench"):
+    import numba
 
 _compile = numba.njit(fastmath=True, inline="never")
 _coefficients: Any = _compile(model.coefficients)
