@@ -1,0 +1,41 @@
+"""The scripts in ``examples/`` run as they stand, with small budgets."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+SMALL = {
+    "first_flight": (),
+    "vector_environment": ("--envs", "8", "--steps", "20"),
+    "own_controller": ("--episodes", "4"),
+    "misreported_payload": ("--episodes", "8"),
+    "custom_reward": ("--out", "reward.png"),
+    "train_residual": ("--envs", "4", "--steps", "400", "--episodes", "2"),
+}
+
+
+def test_every_example_is_run_and_listed() -> None:
+    found = {path.stem for path in EXAMPLES.glob("*.py")}
+    assert found == set(SMALL)
+    page = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}.py` |" in page for name in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_an_example_runs(name: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", EXAMPLES / f"{name}.py", *SMALL[name]],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout and "nan" not in done.stdout
+    assert not done.stderr
+    if name == "custom_reward":
+        assert (tmp_path / "reward.png").stat().st_size > 1000
