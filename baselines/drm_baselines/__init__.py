@@ -1,10 +1,12 @@
 """Baselines for drm-env: control laws as policies, training, evaluation and comparison.
 
-    from drm_baselines import make_policy, load_policy
-
-    law = make_policy("lyapunov", env=env)          # the engine's own law
-    agent = load_policy("runs/ppo")                 # safetensors and JSON, no torch needed
-    action, state = law.predict(observation, state=None, episode_start=None)
+>>> import gymnasium as gym
+>>> from drm_baselines import make_policy
+>>> env = gym.make("drm_env/Slew-v0", control_period=0.002)
+>>> law = make_policy("lyapunov", env=env)  # the engine's own law
+>>> agent = make_policy("learned")  # safetensors and JSON; load_policy(directory) reads others
+>>> observation, info = env.reset(seed=0)
+>>> action, state = law.predict(observation, state=None, episode_start=None)
 
 The ``drm`` command does the same from a terminal: ``drm --help``.
 """

@@ -7,12 +7,11 @@ Importing this package registers
     drm_env/SlewThesis-v0     the thesis' manoeuvre: nothing random, 500 Hz
     drm_env/SlewDirect-v0     as Slew, and the slew motor is the agent's too
 
-    import gymnasium as gym
-    import drm_env
-
-    env = gym.make("drm_env/Slew-v0", payload_mass=(50.0, 500.0))
-    vec = gym.make_vec("drm_env/Slew-v0", num_envs=1024)
-    trajectory = drm_env.simulate({"payload": {"mass": 200.0}}, law="lyapunov")
+>>> import gymnasium as gym
+>>> import drm_env
+>>> env = gym.make("drm_env/Slew-v0", payload_mass=(50.0, 500.0))
+>>> vec = gym.make_vec("drm_env/Slew-v0", num_envs=1024)
+>>> trajectory = drm_env.simulate({"payload": {"mass": 200.0}}, law="lyapunov")
 
 Units are SI and radians throughout.
 """

@@ -224,6 +224,17 @@ def info_metrics(info: Mapping[str, Any]) -> dict[str, Any]:
     metrics
         A float each, or an array of shape (num_envs,) from the info of a batch, with NaN where no
         episode has ended.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> env = drm_env.DrmEnv(horizon=0.5, slew_angle=0.001)
+    >>> observation, info = env.reset(seed=0)
+    >>> truncated = False
+    >>> while not truncated:
+    ...     _, _, _, truncated, info = env.step([0.0, 0.0])
+    >>> round(drm_env.info_metrics(info)["duration"], 3)  # s
+    0.5
     """
     metrics: dict[str, Any] = {}
     for key in METRIC_KEYS:

@@ -54,6 +54,13 @@ def option_names() -> dict[str, dict[str, Any]]:
     options
         By name: ``path`` in the configuration, ``unit``, ``randomizable`` (whether it can be drawn
         for each episode) and ``description``.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> option = drm_env.option_names()["payload_mass"]
+    >>> option["path"], option["unit"], option["randomizable"]
+    ('scenario.payload.mass', 'kg', True)
     """
     names: dict[str, dict[str, Any]] = json.loads(_engine.option_names_json())
     return names
@@ -343,5 +350,12 @@ def default_config(task: str = "slew") -> EnvConfig:
     ------
     ConfigError
         unknown task.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> config = drm_env.default_config("slew_thesis")
+    >>> config.task.control_period, config.scenario.slew.max_accel  # s, rad/s^2
+    (0.002, 0.02)
     """
     return resolve_options(task, None, {}).config

@@ -20,7 +20,13 @@ __all__ = ["Choices", "Distribution", "LogUniform", "Normal", "Uniform"]
 
 @dataclass(frozen=True)
 class Uniform:
-    """Uniform between ``low`` and ``high``, in the unit of the parameter."""
+    """Uniform between ``low`` and ``high``, in the unit of the parameter.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> env = drm_env.DrmEnv(payload_mass=drm_env.Uniform(50.0, 500.0))  # or (50.0, 500.0)
+    """
 
     low: float
     high: float
@@ -29,7 +35,13 @@ class Uniform:
 
 @dataclass(frozen=True)
 class LogUniform:
-    """Uniform in the logarithm between ``low`` and ``high``, both positive."""
+    """Uniform in the logarithm between ``low`` and ``high``, both positive.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> env = drm_env.DrmEnv(payload_mass=drm_env.LogUniform(10.0, 1000.0))
+    """
 
     low: float
     high: float
@@ -38,7 +50,13 @@ class LogUniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal with ``mean`` and ``std``, redrawn while outside ``low`` and ``high``, if given."""
+    """Normal with ``mean`` and ``std``, redrawn while outside ``low`` and ``high``, if given.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> env = drm_env.DrmEnv(mass_error=drm_env.Normal(0.0, 0.05, low=-0.15, high=0.15))
+    """
 
     mean: float
     std: float
@@ -49,7 +67,13 @@ class Normal:
 
 @dataclass(frozen=True)
 class Choices:
-    """One of ``values`` (numbers, or names where the parameter is a name), all equally likely."""
+    """One of ``values`` (numbers, or names where the parameter is a name), all equally likely.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> env = drm_env.DrmEnv(slew_profile=drm_env.Choices(("min_time", "min_energy")))
+    """
 
     values: tuple[Any, ...]
     distribution: str = field(default="choices", init=False, repr=False)

@@ -171,6 +171,17 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     Notes
     -----
     Version history: v0, the first.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> env = drm_env.DrmEnv(payload_mass=(50.0, 500.0))
+    >>> observation, info = env.reset(seed=1, options={"payload_mass": 320.0})
+    >>> float(info["context/payload_mass"])
+    320.0
+    >>> observation, reward, terminated, truncated, info = env.step([0.5, -0.5])
+    >>> reward <= 0.0, terminated, truncated
+    (True, False, False)
     """
 
     metadata = METADATA

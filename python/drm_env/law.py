@@ -38,6 +38,17 @@ class ControlLaw:
     ------
     ConfigError
         an unknown name or an impossible value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import drm_env
+    >>> law = drm_env.ControlLaw({"name": "linear", "tip": None}, control_period=0.002)
+    >>> seen = np.zeros((1, len(law.MEASUREMENTS)))
+    >>> seen[0, law.MEASUREMENTS.index("slew_error")] = 0.01  # rad
+    >>> torques, state = law.torques(seen, law.initial_state(1), [True])
+    >>> torques[0].round(6).tolist()  # -8000 N m/rad at the root, a tip wheel that stays off
+    [-80.0, 0.0]
     """
 
     MEASUREMENTS: tuple[str, ...] = tuple(_engine.measurement_names())

@@ -131,5 +131,13 @@ _METRICS = (
 
 
 def episode_metrics() -> tuple[MetricEntry, ...]:
-    """Every metric of an episode with unit, description and formula, in the engine's order."""
+    """Every metric of an episode with unit, description and formula, in the engine's order.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> first = drm_env.episode_metrics()[0]
+    >>> first.name, first.unit, first.formula
+    ('tip_error_rms', 'm', 'sqrt(mean_k (r e + y)^2)')
+    """
     return _METRICS

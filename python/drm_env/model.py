@@ -155,6 +155,18 @@ class Model:
     ------
     ConfigError
         an unknown name or an impossible value, here or in any call.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> model = drm_env.Model({"mass": 200.0, "length": 1.0, "width": 0.5})
+    >>> model.natural_frequencies(8.0).shape  # Hz, at an extension of 8 m
+    (2,)
+    >>> model.linearize(8.0).A.shape
+    (6, 6)
+    >>> exact = drm_env.Model({"mass": 200.0}, plant="exact_rigid_link1")
+    >>> bool(exact.natural_frequencies(8.0)[0] < exact.natural_frequencies(1.0)[0])
+    True
     """
 
     def __init__(

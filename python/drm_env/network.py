@@ -61,6 +61,18 @@ class Network:
     ConfigError
         no layer, layers that do not fit together or are too large (4096), numbers that are not
         finite, an unknown name.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import drm_env
+    >>> entries = len(drm_env.observation_layout("slew"))
+    >>> idle = drm_env.Network([(np.zeros((2, entries)), np.zeros(2))])
+    >>> scenarios = drm_env.sample_scenarios("slew", seed=0, n=4)
+    >>> flown = drm_env.rollout(scenarios, policy=idle, task="slew")
+    >>> open_loop = drm_env.rollout(scenarios)
+    >>> bool((flown["peak_slew_angle"] == open_loop["peak_slew_angle"]).all())
+    True
     """
 
     def __init__(

@@ -24,5 +24,14 @@ def observation_layout(
     ------
     ConfigError
         an unknown name or an impossible value.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> layout = drm_env.observation_layout("slew", preview_times=[0.5])
+    >>> layout[0].name, layout[0].unit, layout[0].scale
+    ('slew_error', 'rad', 0.1)
+    >>> [entry.name for entry in layout[-2:]]
+    ['reference_accel+0.5s', 'extension+0.5s']
     """
     return resolve_options(task, config, options).observation_layout

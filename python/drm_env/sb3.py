@@ -283,6 +283,13 @@ def make_sb3_vec(
     ConfigError
         Not an environment of this package, wrappers (which cannot be put around the
         sub-environments of a batch), or an unknown or impossible option.
+
+    Examples
+    --------
+    >>> from drm_env.sb3 import make_sb3_vec
+    >>> venv = make_sb3_vec("drm_env/SlewResidual-v0", n_envs=4, seed=0)
+    >>> venv.reset().shape == (4, *venv.observation_space.shape)
+    True
     """
     spec = spec_of(env_id)
     arguments: Any = {**spec.kwargs, **options}

@@ -69,6 +69,13 @@ def transitions(
         an unknown name or an impossible value, a hold that does not divide the samples.
     SimulationError
         an arm that leaves what the equations describe within ``hold`` samples; see `simulate`.
+
+    Examples
+    --------
+    >>> import drm_env
+    >>> linear = drm_env.transitions({"horizon": 20.0}, hold=10)
+    >>> linear.transition.shape, linear.input.shape  # 1000 intervals of 20 ms, both wheels
+    ((1000, 6, 6), (1000, 6, 2))
     """
     if isinstance(hold, bool) or not isinstance(hold, int) or hold < 1:
         raise ConfigError(f"hold must be a positive integer, got {hold!r}")

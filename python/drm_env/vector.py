@@ -108,6 +108,19 @@ class DrmVectorEnv(
 
     The ``context/...`` arrays in the infos and the masks that are true everywhere are read-only
     and shared between calls; they are replaced, not changed, when a sub-environment is reset.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import drm_env
+    >>> errors = drm_env.Choices((-0.15, 0.15))
+    >>> envs = drm_env.DrmVectorEnv(4, task="slew_residual", mass_error=errors)
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations.shape == (4, *envs.single_observation_space.shape)
+    True
+    >>> observations, rewards, terminated, truncated, infos = envs.step(np.zeros((4, 2)))
+    >>> rewards.shape, set(abs(infos["context/mass_error"])) == {0.15}
+    ((4,), True)
     """
 
     metadata: dict[str, Any]

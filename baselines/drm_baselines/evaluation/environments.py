@@ -36,6 +36,13 @@ def environment_config(env_id: str, options: Mapping[str, Any]) -> drm_env.EnvCo
         No such id among drm-env's.
     drm_env.ConfigError
         An unknown or impossible option.
+
+    Examples
+    --------
+    >>> from drm_baselines.evaluation import environment_config
+    >>> config = environment_config("drm_env/Slew-v0", {"payload_mass": 320.0})
+    >>> config.scenario.payload.mass
+    320.0
     """
     return resolved_config(env_id, options).config
 

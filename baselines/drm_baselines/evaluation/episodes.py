@@ -88,6 +88,14 @@ def fly_law(
     -----
     PolicyWarning
         Another sample period than the one that the laws' gains belong to.
+
+    Examples
+    --------
+    >>> from drm_baselines.evaluation import environment_config, fly_law
+    >>> config = environment_config("drm_env/Slew-v0", {"mass_error": 0.15})
+    >>> flown = fly_law({"name": "linear"}, config, env_id="drm_env/Slew-v0", seed=0, episodes=4)
+    >>> flown.metrics["settled"].shape, flown.seeds
+    ((4,), [0, 1, 2, 3])
     """
     seeds = episode_seeds(seed, episodes)
     resolved = drm_env.resolve(config=config)
@@ -182,6 +190,16 @@ def fly_policy(
     -----
     PolicyWarning
         The environment asks at another period than the policy's own.
+
+    Examples
+    --------
+    >>> from drm_baselines import make_policy
+    >>> from drm_baselines.evaluation import environment_config, fly_policy
+    >>> policy = make_policy("learned")
+    >>> config = environment_config(policy.env_id, {"config": policy.config})
+    >>> flown = fly_policy(policy, policy.env_id, config, seed=0, episodes=4, label="learned")
+    >>> flown.metrics["tip_error_rms"].shape, flown.control_period  # s
+    ((4,), 0.02)
     """
     seeds = episode_seeds(seed, episodes)
     resolved = drm_env.resolve(config=config)

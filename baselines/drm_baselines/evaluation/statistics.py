@@ -94,7 +94,14 @@ def _vector(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def interquartile_mean(values: ArrayLike) -> float:
-    """Return the mean of the middle half of ``values`` (1-D, no NaN)."""
+    """Return the mean of the middle half of ``values`` (1-D, no NaN).
+
+    Examples
+    --------
+    >>> from drm_baselines.evaluation.statistics import interquartile_mean
+    >>> interquartile_mean([-1000.0, 1.0, 3.0, 1000.0])
+    2.0
+    """
     return float(_trim_mean(_vector(values, "values")))
 
 
@@ -190,6 +197,13 @@ def compare_paired(
     ------
     ValueError
         The arrays differ in length, are empty or contain NaN.
+
+    Examples
+    --------
+    >>> from drm_baselines.evaluation.statistics import compare_paired
+    >>> found = compare_paired([1.0, 2.0, 3.0, 4.0], [2.0, 3.0, 4.0, 5.0])
+    >>> found.difference.value, found.better
+    (-1.0, True)
     """
     first, second = _vector(candidate, "candidate"), _vector(reference, "reference")
     if first.shape != second.shape:

@@ -74,6 +74,17 @@ class LawPolicy:
         The law cannot act there: hidden payload, missing measurement, a second law underneath, a
         wrapper that changes observations or actions; or without ``env``, a torque limit or an arm
         that is drawn for each episode.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> from drm_baselines import make_policy
+    >>> env = gym.make("drm_env/Slew-v0", control_period=0.002)
+    >>> policy = make_policy("lyapunov", env=env)
+    >>> observation, info = env.reset(seed=0)
+    >>> action, state = policy.predict(observation)
+    >>> action.shape, policy.control_period
+    ((2,), 0.002)
     """
 
     def __init__(self, law: Mapping[str, Any], config: drm_env.EnvConfig, env: Any = None) -> None:

@@ -312,6 +312,14 @@ def load_policy(directory: str | Path) -> NetworkPolicy:
     RunError
         No such directory, no exported policy, or files that are damaged, too large, links, or do
         not belong together. The message names file and reason; no network has been made.
+
+    Examples
+    --------
+    >>> from drm_baselines import load_policy
+    >>> from drm_baselines.policies import shipped_policy
+    >>> policy = load_policy(shipped_policy())
+    >>> policy.env_id, policy.control_period
+    ('drm_env/SlewResidual-v0', 0.02)
     """
     folder = Path(directory)
     if not folder.is_dir():

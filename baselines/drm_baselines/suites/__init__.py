@@ -294,6 +294,13 @@ def load(name: str) -> Manoeuvres:
     ------
     BaselineError
         No such suite.
+
+    Examples
+    --------
+    >>> from drm_baselines import suites
+    >>> thesis = suites.load("thesis")
+    >>> len(thesis), thesis.strata[0]
+    (108, 'out, min_time')
     """
     suite = suite_named(name)
     file = resources.files(__package__) / "data" / f"{_DRAWN_AS.get(name, name)}.csv"
