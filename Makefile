@@ -12,6 +12,10 @@ READY := .venv/.ready
 
 RUST_SOURCES := $(shell find drm_env -name '*.rs' -o -name 'Cargo.toml' 2>/dev/null) Cargo.toml $(wildcard Cargo.lock)
 
+DEVELOP := VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" maturin develop --uv
+INSTALL_BASELINES := $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps \
+  --no-build-isolation --editable baselines
+
 # One interpreter for every cargo call, or pyo3 would be compiled anew for each.
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 
@@ -28,6 +32,13 @@ test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then it
 	cargo test --release --workspace
 	$(BIN)/python -m pytest -m "not slow"
 	$(BIN)/python -m pytest -m slow --durations=5 -v
+
+# The next target that needs the engine compiles the release again: nothing is measured with this one.
+.PHONY: edit
+edit: $(TOOLS) ## compile the engine quickly after an edit (the same bits; CONTRIBUTING.md)
+	@$(DEVELOP) --profile edit
+	@test -x $(BIN)/drm || $(INSTALL_BASELINES)
+	@rm -f $(READY)
 
 .PHONY: lint
 lint: $(READY) ## formatting, lints, types, generated files and the direction of dependencies
@@ -89,6 +100,6 @@ $(TOOLS): $(UV)
 # Python files are imported from the source tree: only Rust and packaging files call for a rebuild.
 $(READY): $(TOOLS) $(RUST_SOURCES) pyproject.toml baselines/pyproject.toml
 	@echo "compiling the engine (2 of 2; about three minutes on two cores the first time)"
-	@VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" maturin develop --release --uv
-	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable baselines
+	@$(DEVELOP) --release
+	@$(INSTALL_BASELINES)
 	@touch $@
