@@ -63,10 +63,10 @@ def run(script: str, timeout: float = 120.0) -> list[str]:
 # -- Threads ---------------------------------------------------------------------------------
 
 DOORS = {
-    "make_vec": "import gymnasium as gym; gym.make_vec(ID, num_envs=64, num_threads=N)",
-    "make_sb3_vec": "from drm_env.sb3 import make_sb3_vec; make_sb3_vec(ID, 64, num_threads=N)",
-    "rollout": "drm_env.rollout([{'horizon': 1.0}] * 64, 'linear', num_threads=N)",
-    "batch benchmark": "_engine.batch_benchmark(_engine.Config('slew', None, None), 64, 3, N)",
+    "make_vec": "import gymnasium as gym; gym.make_vec(ID, num_envs=64, num_threads=COUNT)",
+    "make_sb3_vec": "from drm_env.sb3 import make_sb3_vec; make_sb3_vec(ID, 64, num_threads=COUNT)",
+    "rollout": "drm_env.rollout([{'horizon': 1.0}] * 64, 'linear', num_threads=COUNT)",
+    "batch benchmark": "_engine.batch_benchmark(_engine.Config('slew', None, None), 64, 3, COUNT)",
 }
 
 
@@ -74,7 +74,7 @@ DOORS = {
 @pytest.mark.parametrize("name", DOORS)
 @pytest.mark.parametrize("asked", ["5000", "2**70"])
 def test_no_call_has_more_threads_than_processors_and_it_says_so(name: str, asked: str) -> None:
-    *imports, call = DOORS[name].replace("N", asked).split("; ")
+    *imports, call = DOORS[name].replace("COUNT", asked).split("; ")
     lines = run(
         "\n".join(imports)
         + textwrap.dedent(

@@ -60,7 +60,7 @@ const MOMENTUM: [(&str, &str, f64); 2] = [
 ];
 
 /// Entry of the identified payload, if it is asked for: name, unit, scale.
-const IDENTIFIED: (&str, &str, f64) = ("identified_mass_error", "-", 0.1);
+const IDENTIFIED: (&str, &str, f64) = ("identified_mass_error", "1", 0.1);
 
 /// Entries of each preview time: name, unit, scale.
 const PREVIEW: [(&str, &str, f64); 2] = [
