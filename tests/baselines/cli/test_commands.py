@@ -17,6 +17,7 @@ from drm_baselines.cli import app
 from drm_baselines.cli.common import parse_options, parse_value
 from drm_baselines.cli.demo import fresh_directory, verdict
 from drm_baselines.errors import BaselineError
+from drm_baselines.policies.names import listed
 
 COMMANDS = (
     "info",
@@ -194,7 +195,7 @@ def test_compare_knows_every_policy_by_the_name_and_title_of_the_benchmark() -> 
 def test_unknown_policies_and_environments_are_named() -> None:
     message = refuse("compare", "lqq")
     assert "'lqq'" in message
-    assert "none, linear, lyapunov, linear_tuned, lyapunov_tuned, lqr, learned" in message
+    assert listed() in message
     assert "drm_env/Slew-v0" in refuse("compare", "--env", "Slew-v0")
     assert "payload_mas" in refuse("compare", "--set", "payload_mas=3")
     assert "KEY=VALUE" in refuse("compare", "--set", "payload_mass")
