@@ -267,7 +267,7 @@ def test_what_a_batch_shares_cannot_be_set_for_one() -> None:
     with pytest.raises(drm_env.ConfigError, match=r"config is that of the whole batch"):
         env.set_attr("config", None)
     with pytest.raises(drm_env.ConfigError, match=r"render_mode is that of the whole batch"):
-        env.lanes[0].render_mode = "ansi"
+        env.envs[0].render_mode = "ansi"
 
 
 def test_attributes_are_reached_through_gymnasiums_methods() -> None:

@@ -132,7 +132,7 @@ def test_a_batch_is_not_used_again_after_an_internal_error(num_threads: int) -> 
         lambda: env.get_state(),
         lambda: env.set_state(state),
         lambda: env.set_context(payload_mass=100.0),
-        lambda: env.lanes[0].signals(),
+        lambda: env.envs[0].signals(),
     ):
         with pytest.raises(drm_env.SimulationError, match="unusable after an internal error"):
             call()

@@ -364,7 +364,7 @@ def test_context_per_sub_environment() -> None:
     for actions in actions_of(env, 13):
         info = env.step(actions)[-1]
     assert info["context/payload_mass"].tolist() == [60.0, 70.0, 80.0]
-    env.lanes[1].set_context(payload_mass=222.0)
+    env.envs[1].set_context(payload_mass=222.0)
     _, info = env.reset(options={"slew_angle": np.array([0.5, 0.6, 0.7])})
     assert info["context/payload_mass"].tolist() == [60.0, 222.0, 80.0]
     assert info["context/slew_angle"].tolist() == [0.5, 0.6, 0.7]
@@ -437,8 +437,8 @@ def test_sub_environment_and_single_environment_exchange_snapshots() -> None:
     for action in actions[:6]:
         batch.step(action)
     single = drm_env.DrmEnv(**SHORT)
-    single.set_state(batch.lanes[3].get_state())
-    batch.lanes[1].set_state(single.get_state())
+    single.set_state(batch.envs[3].get_state())
+    batch.envs[1].set_state(single.get_state())
     repeated = actions[6:].copy()
     repeated[:, 1] = repeated[:, 3]
     for action in repeated[:5]:
@@ -524,3 +524,12 @@ def test_an_ended_environment_that_is_restored_is_not_stepped() -> None:
         env.step(actions[0])
     env.reset(seed=1)
     env.step(actions[0])
+
+
+def test_old_names_of_sub_environments_still_work_and_say_the_new_ones() -> None:
+    batch = drm_env.DrmVectorEnv(2)
+    with pytest.warns(DeprecationWarning, match="envs"):
+        assert batch.lanes == batch.envs
+    with pytest.warns(DeprecationWarning, match="reset_envs"):
+        observations = batch.reset_lanes([0, 1], [{}, {}])
+    np.testing.assert_array_equal(observations, batch.reset(seed=0)[0])

@@ -30,9 +30,9 @@ from drm_env._engine import task_names as _task_names
 _load()
 
 if TYPE_CHECKING:
-    from drm_env._common import NO_VALUE, info_metrics
     from drm_env._config import EnvConfig, Scenario, Task
     from drm_env._engine import __version__
+    from drm_env._infos import NO_VALUE, info_metrics
     from drm_env.configuration import default_config, option_names
     from drm_env.distributions import Choices, LogUniform, Normal, Uniform
     from drm_env.env import DrmEnv
@@ -54,7 +54,8 @@ if TYPE_CHECKING:
     from drm_env.observation import ObservationEntry, observation_layout
     from drm_env.resolution import resolve
     from drm_env.resolved import ResolvedConfig
-    from drm_env.simulation import Rollout, Trajectory, rollout, sample_scenarios, simulate
+    from drm_env.rollouts import Rollout, rollout
+    from drm_env.simulation import Trajectory, sample_scenarios, simulate
     from drm_env.transition import Transitions, transitions
     from drm_env.vector import DrmVectorEnv
 
@@ -102,9 +103,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "_common": ["NO_VALUE", "info_metrics"],
     "_config": ["EnvConfig", "Scenario", "Task"],
     "_engine": ["__version__"],
+    "_infos": ["NO_VALUE", "info_metrics"],
     "configuration": ["default_config", "option_names"],
     "distributions": ["Choices", "LogUniform", "Normal", "Uniform"],
     "env": ["DrmEnv"],
@@ -126,7 +127,8 @@ _HOMES = {
     "observation": ["ObservationEntry", "observation_layout"],
     "resolution": ["resolve"],
     "resolved": ["ResolvedConfig"],
-    "simulation": ["Rollout", "Trajectory", "rollout", "sample_scenarios", "simulate"],
+    "rollouts": ["Rollout", "rollout"],
+    "simulation": ["Trajectory", "sample_scenarios", "simulate"],
     "transition": ["Transitions", "transitions"],
     "vector": ["DrmVectorEnv"],
 }

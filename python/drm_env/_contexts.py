@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine
-from drm_env._common import CONTEXT_KEYS, finite
+from drm_env._infos import CONTEXT_KEYS, finite
 
 Row = NDArray[np.float64]
 

@@ -13,21 +13,12 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from drm_env import _engine
-from drm_env._common import (
-    CONTEXT_KEYS,
-    METADATA,
-    RENDER_SIZE,
-    REPORT_KEYS,
-    ClosedEngine,
-    OptionsAreNoAttributes,
-    context_info,
-    convert_action,
-    json_spec,
-    own_metadata,
-    refuse_option,
-    seed_bytes,
-)
+from drm_env._arguments import OptionsAreNoAttributes, convert_action, refuse_option
+from drm_env._closed_engine import ClosedEngine
+from drm_env._infos import CONTEXT_KEYS, REPORT_KEYS, context_info
+from drm_env._seeding import seed_bytes
 from drm_env._spaces import ObservationEntry
+from drm_env._spec import METADATA, RENDER_SIZE, json_spec, own_metadata
 from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError
 from drm_env.resolved import ResolvedConfig

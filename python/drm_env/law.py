@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
+from drm_env._manoeuvres import law_json
 from drm_env.configuration import ConfigLike, resolve_options
 from drm_env.errors import ConfigError
-from drm_env.simulation import law_json
 
 if TYPE_CHECKING:
     from typing import Unpack

@@ -9,7 +9,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from drm_env._common import RENDER_SIZE
+from drm_env._spec import RENDER_SIZE
 
 if TYPE_CHECKING:
     from drm_env import _engine

@@ -9,7 +9,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from drm_env import _engine
-from drm_env._common import OF_BATCH
+from drm_env._spec import OF_BATCH
 from drm_env.configuration import ConfigLike, resolve_options
 from drm_env.errors import ConfigError
 from drm_env.resolved import ResolvedConfig

@@ -14,11 +14,12 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from drm_env._batch import episode_rows
-from drm_env._common import EPISODE_KEYS, OF_BATCH, REWARD_KEYS, OptionsAreNoAttributes
+from drm_env._arguments import OptionsAreNoAttributes
+from drm_env._infos import EPISODE_KEYS, REWARD_KEYS, episode_rows
+from drm_env._spec import OF_BATCH
 from drm_env.errors import ConfigError
-from drm_env.lane import Lane
 from drm_env.resolution import spec_of
+from drm_env.sub_env import SubEnv
 from drm_env.vector import DrmVectorEnv
 
 try:
@@ -114,7 +115,7 @@ class DrmSB3VecEnv(OptionsAreNoAttributes, VecEnv):
         ConfigError
             An unknown or impossible option; nothing has been reset.
         """
-        observations = self.batch.reset_lanes(self._seeds, self._options)
+        observations = self.batch.reset_envs(self._seeds, self._options)
         self._take_contexts(self.batch.contexts.infos())
         self.reset_infos = [{**context, **_UNPAID} for context in self._contexts]
         self._reset_seeds()
@@ -194,12 +195,12 @@ class DrmSB3VecEnv(OptionsAreNoAttributes, VecEnv):
 
     # -- Sub-environments --------------------------------------------------------------------
 
-    def _lanes(self, indices: Indices) -> list[Lane]:
+    def _lanes(self, indices: Indices) -> list[SubEnv]:
         if indices is None:
-            return self.batch.lanes
+            return self.batch.envs
         if isinstance(indices, (int, np.integer)):
             indices = [operator.index(indices)]
-        return [self.batch.lanes[index] for index in indices]
+        return [self.batch.envs[index] for index in indices]
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """The values of an attribute of some sub-environments."""
@@ -245,7 +246,7 @@ class DrmSB3VecEnv(OptionsAreNoAttributes, VecEnv):
             )
             return [None] * self.num_envs
         # with rgb_array a lane renders an array, never text
-        return [lane.render() for lane in self.batch.lanes]  # type: ignore[misc]
+        return [env.render() for env in self.batch.envs]  # type: ignore[misc]
 
 
 def make_sb3_vec(

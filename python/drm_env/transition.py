@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine
+from drm_env._manoeuvres import scenario_json
 from drm_env.errors import ConfigError
-from drm_env.simulation import scenario_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,37 +14,34 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from drm_env import _engine
-from drm_env._batch import (
-    Buffers,
-    Info,
-    Observations,
+from drm_env._arguments import (
+    OptionsAreNoAttributes,
+    convert_action,
     count,
-    episode_rows,
-    final_infos,
-    lane_options,
-    masked_info,
     reset_mask,
-    seed_list,
-    shared_info,
+    sub_env_options,
 )
-from drm_env._common import (
+from drm_env._closed_engine import ClosedEngine
+from drm_env._contexts import Contexts
+from drm_env._infos import (
     CONTEXT_KEYS,
     EPISODE_KEYS,
     REWARD_KEYS,
-    ClosedEngine,
-    OptionsAreNoAttributes,
-    convert_action,
-    json_spec,
-    own_metadata,
-    seed_bytes,
-    step_limit,
+    Buffers,
+    Info,
+    Observations,
+    episode_rows,
+    final_infos,
+    masked_info,
+    shared_info,
 )
-from drm_env._contexts import Contexts
+from drm_env._seeding import seed_bytes, seed_list
 from drm_env._spaces import ObservationEntry, batch_box
+from drm_env._spec import json_spec, own_metadata, step_limit
 from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError, ResetNeededError
-from drm_env.lane import Lane
 from drm_env.resolved import ResolvedConfig
+from drm_env.sub_env import SubEnv
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -179,7 +177,7 @@ class DrmVectorEnv(
         self._spec: EnvSpec | None = None
         self._seeded = False
         self._buffers = None if self.copy else self._allocate()
-        self._lane_seeds: list[int] | None = None
+        self._episode_seeds: list[int] | None = None
         self._make_templates()
 
     def _make_templates(self) -> None:
@@ -190,7 +188,7 @@ class DrmVectorEnv(
         self._info: Info = {}
         # whether a call of the engine has not come back, which may have changed the contexts
         self._unread = False
-        self._lanes: list[Lane] = []
+        self._envs: list[SubEnv] = []
 
     def _allocate(self) -> Buffers:
         n = self.num_envs
@@ -250,7 +248,7 @@ class DrmVectorEnv(
         if isinstance(options, Mapping) and "reset_mask" in options:
             mask = reset_mask(options["reset_mask"], self.num_envs)
             options = {name: value for name, value in options.items() if name != "reset_mask"}
-        observations = self._reset(seeds, lane_options(options, self.num_envs), mask)
+        observations = self._reset(seeds, sub_env_options(options, self.num_envs), mask)
         info = self._info.copy()
         if mask is not None:
             info.update(masked_info(CONTEXT_KEYS, self._contexts.shown, mask))
@@ -258,7 +256,7 @@ class DrmVectorEnv(
                 info[f"_{key}"] = mask.copy()
         return observations, info
 
-    def reset_lanes(
+    def reset_envs(
         self, seeds: Sequence[int | None], options: Sequence[Mapping[str, Any]]
     ) -> Observations:
         """`reset` with a seed (or ``None``) and options for each sub-environment, without infos."""
@@ -267,6 +265,13 @@ class DrmVectorEnv(
         return self._reset(
             seed_list(seeds, self.num_envs), [flat_options(item) for item in options], None
         )
+
+    def reset_lanes(
+        self, seeds: Sequence[int | None], options: Sequence[Mapping[str, Any]]
+    ) -> Observations:
+        """The old name of `reset_envs`."""
+        warnings.warn("reset_lanes is reset_envs now", DeprecationWarning, stacklevel=2)
+        return self.reset_envs(seeds, options)
 
     def _reset(
         self, seeds: list[int | None], texts: list[str | None], mask: NDArray[np.bool_] | None
@@ -284,8 +289,8 @@ class DrmVectorEnv(
         unread, self._unread = self._unread, True
         self._engine.reset(encoded, texts, mask, buffers.observations)
         self._seeded = True
-        last = self._lane_seeds or [-1] * self.num_envs
-        self._lane_seeds = [
+        last = self._episode_seeds or [-1] * self.num_envs
+        self._episode_seeds = [
             old if new is None or (mask is not None and not mask[index]) else new
             for index, (old, new) in enumerate(zip(last, seeds, strict=True))
         ]
@@ -394,7 +399,7 @@ class DrmVectorEnv(
         if self.render_mode is None:
             gym.logger.warn("render() needs a render mode; give one when making the environment")
             return None
-        return tuple(lane.render() for lane in self.lanes)
+        return tuple(env.render() for env in self.envs)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Lets go of the engine. Any further use is refused."""
@@ -472,21 +477,27 @@ class DrmVectorEnv(
         ``reset(seed=...)`` with it begins the streams again, also those that were not seeded by
         the user. -1 where only a snapshot knows.
         """
-        if self._lane_seeds is None:
+        if self._episode_seeds is None:
             first = super().np_random_seed
             if first is None or first == -1:
                 return (-1,) * self.num_envs
             return tuple(first + index for index in range(self.num_envs))
-        return tuple(self._lane_seeds)
+        return tuple(self._episode_seeds)
 
     # -- Sub-environments --------------------------------------------------------------------
 
     @property
-    def lanes(self) -> list[Lane]:
+    def envs(self) -> list[SubEnv]:
         """Each sub-environment seen alone: snapshot, context, rendering."""
-        if not self._lanes:
-            self._lanes = [Lane(self, index) for index in range(self.num_envs)]
-        return self._lanes
+        if not self._envs:
+            self._envs = [SubEnv(self, index) for index in range(self.num_envs)]
+        return self._envs
+
+    @property
+    def lanes(self) -> list[SubEnv]:
+        """The old name of `envs`."""
+        warnings.warn("lanes is envs now", DeprecationWarning, stacklevel=2)
+        return self.envs
 
     def set_context(self, **context: Unpack[Parameters]) -> None:
         """Sets parameters of the scenario from the next episodes on, until changed.
@@ -497,18 +508,18 @@ class DrmVectorEnv(
             values by their keyword names, one for all or an array of shape (num_envs,); ranges,
             choices and distributions as for `DrmEnv.set_context`, drawn by each sub-environment.
             They replace those of an earlier call; none at all brings back the environment's own.
-            For a single sub-environment see ``lanes[i].set_context``.
+            For a single sub-environment see ``envs[i].set_context``.
 
         Raises
         ------
         ConfigError
             an unknown name or an impossible value; every context stays as it was.
         """
-        self._engine.set_context(lane_options(context, self.num_envs))
+        self._engine.set_context(sub_env_options(context, self.num_envs))
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """The results of a method (or the values of an attribute) of each sub-environment."""
-        found = [getattr(lane, name) for lane in self.lanes]
+        found = [getattr(env, name) for env in self.envs]
         return tuple(item(*args, **kwargs) if callable(item) else item for item in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
@@ -530,7 +541,7 @@ class DrmVectorEnv(
             values = [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must have length {self.num_envs}, got {len(values)}")
-        for lane, value in zip(self.lanes, values, strict=True):
+        for lane, value in zip(self.envs, values, strict=True):
             setattr(lane, name, value)
 
     # -- Snapshots ---------------------------------------------------------------------------
@@ -562,7 +573,7 @@ class DrmVectorEnv(
         state = self.__dict__.copy()
         engine = state.pop("_engine")
         state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
-        for name in ("_lanes", "_contexts", "_ended_contexts", "_info", "_everywhere"):
+        for name in ("_envs", "_contexts", "_ended_contexts", "_info", "_everywhere"):
             state.pop(name)
         return state
 

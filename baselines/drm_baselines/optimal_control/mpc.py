@@ -376,12 +376,12 @@ def fly_one(
         ]
         controller = Controller(told(whole, payload), whole["sensors"], settings)
         if looked is not None:
-            looked(env.lanes[0].signals())
+            looked(env.envs[0].signals())
         while True:
             actions = controller.act(observations[0])[None]
             observations, _, terminated, truncated, info = env.step(actions)
             if looked is not None:
-                looked(env.lanes[0].signals())
+                looked(env.envs[0].signals())
             if terminated[0] or truncated[0]:
                 break
     finally:

@@ -196,7 +196,7 @@ class Contexts:
         self._batch = batch if isinstance(batch, drm_env.DrmVectorEnv) else None
         self._rows: dict[str, int] = {}
         if self._batch is not None:
-            self._rows = {key: row for row, key in enumerate(self._batch.lanes[0].context)}
+            self._rows = {key: row for row, key in enumerate(self._batch.envs[0].context)}
 
     def read(self, names: Sequence[str]) -> _Array | None:
         """Return parameters by their flat names, SI, shape (sub-environments, names).

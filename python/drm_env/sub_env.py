@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_env._common import RENDER_SIZE, REWARD_KEYS, refuse_option, single_spec
+from drm_env._arguments import refuse_option
+from drm_env._infos import REWARD_KEYS
+from drm_env._spec import RENDER_SIZE, single_spec
 from drm_env.configuration import flat_options
 from drm_env.errors import ConfigError
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from drm_env._options import Parameters
     from drm_env.vector import DrmVectorEnv
 
-__all__ = ["Lane"]
+__all__ = ["SubEnv"]
 
 _OF_BATCH = {
     "action_space": "single_action_space",
@@ -35,7 +37,7 @@ _OF_BATCH = {
 """Attributes of a single environment and the names that they have in a batch."""
 
 
-class Lane:
+class SubEnv:
     """Sub-environment ``index`` of a batch: what can be asked of it and done to it alone.
 
     Attributes that are the same for the whole batch (``config``, ``observation_layout``, ...) are
@@ -99,7 +101,7 @@ class Lane:
         return True
 
     @property
-    def unwrapped(self) -> Lane:
+    def unwrapped(self) -> SubEnv:
         """Itself."""
         return self
 
