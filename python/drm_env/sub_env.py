@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drm_env._arguments import refuse_option
-from drm_env._infos import REWARD_KEYS
+from drm_env._infos import REWARD_KEYS, Info, Observations
 from drm_env._spec import RENDER_SIZE, single_spec
 from drm_env.configuration import flat_options
 from drm_env.errors import ConfigError
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
     from gymnasium.envs.registration import EnvSpec
 
+    from drm_env import _engine
+    from drm_env._contexts import Contexts
     from drm_env._options import Parameters
-    from drm_env.vector import DrmVectorEnv
 
 __all__ = ["SubEnv"]
 
@@ -37,6 +38,28 @@ _OF_BATCH = {
 """Attributes of a single environment and the names that they have in a batch."""
 
 
+class _Batch(Protocol):
+    """What a sub-environment asks of its batch."""
+
+    num_envs: int
+    spec: EnvSpec | None
+    render_mode: str | None
+    _engine: _engine.Batch
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:
+        """Seeds of the streams of episodes."""
+
+    @property
+    def contexts(self) -> Contexts:
+        """True contexts of the running episodes."""
+
+    def reset(self, *, seed: Any, options: Any) -> tuple[Observations, Info]:
+        """As `gymnasium.vector.VectorEnv.reset`."""
+
+    def _after_restore(self) -> None: ...
+
+
 class SubEnv:
     """Sub-environment ``index`` of a batch: what can be asked of it and done to it alone.
 
@@ -44,7 +67,7 @@ class SubEnv:
     those of the batch. Others may be set freely; they belong to this sub-environment.
     """
 
-    def __init__(self, batch: DrmVectorEnv, index: int) -> None:
+    def __init__(self, batch: _Batch, index: int) -> None:
         """Refers to ``batch``; holds no state of its own."""
         self._batch = batch
         self._index = index

@@ -29,8 +29,8 @@ use network::Autonomy;
 use queue::{Ended, Queue};
 
 pub use law::Schedule;
-pub use recorder::{MAX_BYTES, Recording, Trajectories};
-pub use trajectory::{SIGNAL_NAMES, Trajectory, signals, simulate};
+pub use recorder::{Recording, Trajectories};
+pub use trajectory::{MAX_BYTES, SIGNAL_NAMES, Trajectory, signals, simulate};
 
 /// Who decides.
 #[derive(Debug, Clone, Copy)]

@@ -10,10 +10,7 @@ use crate::simd::{Laned, Number};
 use crate::simulation::Flight;
 use crate::simulation::hook::StepHook;
 
-use super::trajectory::{Row, SIGNAL_NAMES, apply_torques, last_row, signals_of};
-
-/// Most memory that the trajectories of one rollout may take, bytes.
-pub const MAX_BYTES: u64 = 16 << 30;
+use super::trajectory::{MAX_BYTES, Row, SIGNAL_NAMES, apply_torques, last_row, signals_of};
 
 /// Numbers that are written between two looks whether the work shall stop.
 const NUMBERS_BETWEEN_POLLS: usize = 1 << 20;

@@ -12,7 +12,9 @@ use crate::simulation::metrics::Metrics;
 use crate::simulation::{Flight, Plan};
 
 use super::noise;
-use super::recorder::MAX_BYTES;
+
+/// Most memory that the trajectories of one rollout may take, bytes.
+pub const MAX_BYTES: u64 = 16 << 30;
 
 /// Names of the signals of a [`Trajectory`], in order.
 pub const SIGNAL_NAMES: [&str; 20] = [
