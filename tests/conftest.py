@@ -19,6 +19,8 @@ for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signa
         signal.signal(getattr(signal, _name), _handler)
 
 IDS = (
+    "drm_env/Slew-v1",
+    "drm_env/SlewResidual-v1",
     "drm_env/Slew-v0",
     "drm_env/SlewResidual-v0",
     "drm_env/SlewThesis-v0",

@@ -94,3 +94,77 @@ def test_tuned_laws_are_policies(name: str) -> None:
     assert policy.control_period == 0.002
     with pytest.raises(PolicyError, match="drm tune"):
         make_policy(name, tip=None)
+
+
+# --- the settings of version 1 of the tasks -------------------------------------------------------
+
+
+def reward_terms(seed: int = 3, **options: object) -> np.ndarray:
+    """Terms of the reward over three seconds under the same actions, (steps, 2)."""
+    env = drm_env.DrmEnv(**options)
+    env.reset(seed=seed)
+    terms = []
+    for step in range(300):
+        action = np.array([np.sin(0.1 * step), np.cos(0.2 * step)], dtype=np.float32)
+        info = env.step(action)[4]
+        terms.append([info["reward/tip_vibration"], info["reward/slew_error"]])
+    env.close()
+    return np.array(terms)
+
+
+def test_linear_part_of_the_reward_is_the_error_itself() -> None:
+    """Errors in metres follow from the logarithm, which is inverted; the linear part adds them."""
+    plain, mixed = reward_terms(), reward_terms(reward={"linear": 2.5})
+    rates = np.array([0.5, 1.0]) * 0.01  # weights times the control period
+    errors = np.expm1(-plain / rates * np.log1p(1e4)) * 1e-4
+    assert errors.max() > 0.01
+    np.testing.assert_allclose(plain - mixed, rates * 2.5 * errors, rtol=1e-6, atol=1e-12)
+
+
+def test_a_charge_for_ending_early_has_the_linear_part_too() -> None:
+    """The limit, at the reach where it was exceeded, held for the rest of the horizon."""
+
+    def last(linear: float) -> tuple[float, float, int]:
+        reward = {"linear": linear, "slew_time": 0.0}
+        env = drm_env.DrmEnv(limits={"slew_error": 1e-4}, reward=reward, horizon=8.0)
+        names = [entry.name for entry in env.unwrapped.observation_layout]
+        env.reset(seed=0)
+        terminated, steps = False, 0
+        while not terminated:
+            observation, _, terminated, _, info = env.step(np.ones(2, dtype=np.float32))
+            steps += 1
+        env.close()
+        reach = 7.0 + 8.0 * float(observation[names.index("extension")])
+        return float(info["reward/slew_error"]), reach, steps
+
+    (plain, reach, steps), (mixed, _, _) = last(0.0), last(3.0)
+    held = 3.0 * (8.0 - 0.01 * steps) * reach * 1e-4
+    assert plain - mixed == pytest.approx(held, rel=0.02)
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+def test_impossible_linear_part_is_refused(value: float) -> None:
+    with pytest.raises(drm_env.ConfigError, match=r"reward\.linear"):
+        drm_env.DrmEnv(reward={"linear": value})
+
+
+def test_error_at_the_tip_is_the_slew_error_times_the_reach() -> None:
+    env = drm_env.DrmEnv(observe_tip_error=True)
+    layout = env.unwrapped.observation_layout
+    observation, _ = env.reset(seed=2)
+    for _ in range(400):
+        observation, *_ = env.step(np.array([0.5, -0.5], dtype=np.float32))
+    env.close()
+    value = {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}
+    error = (7.0 + value["extension"]) * value["slew_error"]
+    assert abs(error) > 1e-3
+    assert value["tip_error"] == pytest.approx(error, rel=1e-5)
+    assert value["tip_error_fine"] == pytest.approx(np.arcsinh(error / 0.01), rel=1e-5)
+    plain = [entry.name for entry in drm_env.observation_layout()]
+    assert [e.name for e in layout if not e.name.startswith("tip_error")] == plain
+
+
+@pytest.mark.parametrize("old", ["slew", "slew_residual"])
+def test_both_versions_of_a_task_fly_the_same_episodes(old: str) -> None:
+    new = drm_env.sample_scenarios(f"{old}_v1", seed=7, n=20)
+    assert new == drm_env.sample_scenarios(old, seed=7, n=20)

@@ -365,11 +365,12 @@ fn limits_that_cannot_be_divided_by_are_refused_with_path_and_value() {
 #[test]
 fn rewards_stay_finite_whatever_their_weights_or_are_refused_by_name() {
     type Slot = fn(&mut EnvConfig) -> &mut f64;
-    let slots: [(&str, Slot); 9] = [
+    let slots: [(&str, Slot); 10] = [
         ("reward.tip_vibration", |c| &mut c.task.reward.tip_vibration),
         ("reward.slew_error", |c| &mut c.task.reward.slew_error),
         ("reward.effort", |c| &mut c.task.reward.effort),
         ("reward.resolution", |c| &mut c.task.reward.resolution),
+        ("reward.linear", |c| &mut c.task.reward.linear),
         ("reward.vibration_time", |c| {
             &mut c.task.reward.vibration_time
         }),

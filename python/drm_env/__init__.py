@@ -2,6 +2,8 @@
 
 Importing this package registers
 
+    drm_env/Slew-v1           two reaction wheels at 10 Hz, made for learning from scratch
+    drm_env/SlewResidual-v1   the same, as a correction to an inner law at 500 Hz
     drm_env/Slew-v0           two reaction wheels at 100 Hz, the payload drawn and misreported
     drm_env/SlewResidual-v0   the same, as a correction at 50 Hz to an inner law at 500 Hz
     drm_env/SlewThesis-v0     the thesis' manoeuvre: nothing random, 500 Hz
@@ -153,9 +155,10 @@ def __dir__() -> list[str]:
 def _register() -> None:
     # No step limit is registered: the horizon is an option, and the environment truncates there.
     for task in _task_names():
-        name = "".join(word.capitalize() for word in task.split("_"))
+        words, _, version = task.partition("_v")
+        name = "".join(word.capitalize() for word in words.split("_")) + f"-v{version or 0}"
         _gym.register(
-            id=f"drm_env/{name}-v0",
+            id=f"drm_env/{name}",
             entry_point="drm_env.env:DrmEnv",
             vector_entry_point="drm_env.vector:DrmVectorEnv",
             kwargs={"task": task},

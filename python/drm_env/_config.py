@@ -233,9 +233,9 @@ ObservePayload: TypeAlias = Literal["reported", "true", "hidden"]
 @dataclass(frozen=True, kw_only=True)
 class Reward:
     """
-    The reward: minus a weighted sum of logarithmic errors, per second.
+    The reward: minus a weighted sum of errors on a scale that resolves small ones, per second.
 
-    An error x (m) counts as ln(1 + x / resolution) / ln(1 + 1 m / resolution).
+    An error x (m) counts as linear x + ln(1 + x / resolution) / ln(1 + 1 m / resolution).
     """
 
     tip_vibration: float = 0.5
@@ -249,6 +249,8 @@ class Reward:
     """Weight of the effort, 1/s: mean of the squared torque fractions."""
     resolution: float = 0.0001
     """Error below which less counts for little, m."""
+    linear: float = 0.0
+    """Weight of the error itself beside its logarithm, 1/m; 0 is the logarithm alone."""
     vibration_time: float = 0.04
     """
     Time by which the deflection rate is weighed, s: one over the angular frequency of the
@@ -569,6 +571,8 @@ class Task:
     Whether the error of the reported mass is shown as the balance of angular momentum tells it
     while the arm slews; the slew must be open loop.
     """
+    observe_tip_error: bool = False
+    """Whether the slew error taken to the tip is shown too, in metres."""
     observation_history: int = 1
     """Number of observations stacked, the newest last."""
     preview_times: Sequence[float] = (0.1, 0.25, 0.5, 1.0, 2.0)

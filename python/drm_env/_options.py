@@ -171,6 +171,8 @@ class Options(Parameters, total=False):
     """reported, true or hidden."""
     observe_identified: bool
     """Whether the identified error of the reported mass is shown."""
+    observe_tip_error: bool
+    """Whether the slew error taken to the tip is shown."""
     observation_history: SupportsIndex
     """Observations stacked."""
     preview_times: Sequence[SupportsFloat] | NDArray[Any]

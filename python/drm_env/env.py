@@ -84,13 +84,16 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     ``payload_mass``, ``.._length``, ``.._width``          kg, m, m   500, 2, 1
     ``slew_torque``, ``root_torque``, ``tip_torque``       N m        2000, 100, 10
     ``root_momentum``, ``tip_momentum`` (stored)           N m s      500, 50
+    ``identified_mass_error`` (``observe_identified``)     1          0.1
+    ``tip_error``, ``.._fine`` (``observe_tip_error``)     m          0.05, 2
     ``reference_accel+0.1s``, ``extension+0.1s``, ...      rad/s^2,m  0.02, 8
     =====================================================  =========  ============
 
     The first four rows are measured, with the sensors' noise, resolution and delay; the rest is
     known. The payload is the reported one unless ``observe_payload`` says otherwise. The last row
-    previews each of ``preview_times``. With ``observation_history`` = h > 1 the last h frames are
-    stacked, older ones first, their names ending in ``@-1``, ``@-2``, ...
+    previews each of ``preview_times``. ``tip_error`` is the slew error times the reach (x0 of its
+    fine entry is 10 mm). With ``observation_history`` = h > 1 the last h frames are stacked, older
+    ones first, their names ending in ``@-1``, ``@-2``, ...
 
     Reward
     ------
@@ -98,7 +101,9 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     ``reward/slew_error`` and ``reward/effort``. The first two grow with the logarithm of the
     errors at the tip, ln(1 + x / 0.1 mm), where x is the amplitude of the tip's vibration and the
     slew error with its rate, each taken to the tip in metres; the third with the squared torque
-    fractions. Weights and scales are the option ``reward``.
+    fractions. Weights and scales are the option ``reward``. Version 1 of the tasks adds the error
+    itself, ``linear`` times x: a logarithm alone pays for a policy that is perfect in half of the
+    episodes and twice as bad in the others.
 
     Start of an episode
     -------------------
@@ -143,7 +148,8 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     ----------
     task : str
         The defaults: ``"slew"``, ``"slew_residual"``, ``"slew_thesis"`` or ``"slew_direct"``, the
-        tasks behind ``drm_env/Slew-v0``, ``SlewResidual-v0``, ``SlewThesis-v0``, ``SlewDirect-v0``.
+        tasks behind ``drm_env/Slew-v0``, ``SlewResidual-v0``, ``SlewThesis-v0``, ``SlewDirect-v0``;
+        ``"slew_v1"`` and ``"slew_residual_v1"`` behind ``drm_env/Slew-v1``, ``SlewResidual-v1``.
     config : EnvConfig, ResolvedConfig, mapping or path, optional
         What replaces defaults; a path to a JSON or TOML file.
     render_mode : str, optional
@@ -161,7 +167,9 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
 
     Notes
     -----
-    Version history: v0, the first.
+    Version history: v0, the first; v1 of ``Slew`` and ``SlewResidual``: the same manoeuvres with
+    reward, observation, action and rate from which plain reinforcement learning makes steady
+    progress. v0 stays as it is.
 
     Examples
     --------

@@ -54,7 +54,14 @@ impl Default for EnvConfig {
 }
 
 /// Names of the presets, one a registered environment.
-pub const PRESETS: [&str; 4] = ["slew", "slew_residual", "slew_thesis", "slew_direct"];
+pub const PRESETS: [&str; 6] = [
+    "slew",
+    "slew_residual",
+    "slew_thesis",
+    "slew_direct",
+    "slew_v1",
+    "slew_residual_v1",
+];
 
 /// Draws with which a configuration is tried, and attempts after which overrides are refused.
 const TRIALS: u64 = 64;
@@ -92,6 +99,11 @@ impl EnvConfig {
                 config.task.control_period = 0.002;
             }
             "slew_direct" => config.task.actuators.push(Actuator::SlewMotor),
+            "slew_v1" => config.task.made_for_learning(),
+            "slew_residual_v1" => {
+                config.task.made_for_learning();
+                config.task.inner_law = Some(Law::named("linear")?);
+            }
             other => {
                 return Err(ConfigError::value(
                     "task",

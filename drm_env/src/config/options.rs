@@ -112,6 +112,12 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Whether the identified error of the reported mass is shown.",
     ),
     (
+        "observe_tip_error",
+        "task.observe_tip_error",
+        "-",
+        "Whether the slew error taken to the tip is shown.",
+    ),
+    (
         "observation_history",
         "task.observation_history",
         "-",

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use crate::simd::Number;
 use crate::simd::functions::ln_1p;
 
-/// The reward: minus a weighted sum of logarithmic errors, per second.
+/// The reward: minus a weighted sum of errors on a scale that resolves small ones, per second.
 ///
-/// An error x (m) counts as ln(1 + x / resolution) / ln(1 + 1 m / resolution).
+/// An error x (m) counts as linear x + ln(1 + x / resolution) / ln(1 + 1 m / resolution).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reward {
@@ -21,6 +21,8 @@ pub struct Reward {
     pub effort: f64,
     /// Error below which less counts for little, m.
     pub resolution: f64,
+    /// Weight of the error itself beside its logarithm, 1/m; 0 is the logarithm alone.
+    pub linear: f64,
     /// Time by which the deflection rate is weighed, s: one over the angular frequency of the
     /// vibration, about 4 Hz.
     pub vibration_time: f64,
@@ -35,6 +37,7 @@ impl Default for Reward {
             slew_error: 1.0,
             effort: 0.01,
             resolution: 1e-4,
+            linear: 0.0,
             vibration_time: 0.04,
             slew_time: 2.5,
         }
@@ -64,7 +67,7 @@ impl RewardScale {
 
     /// The most that each term can cost, 1/s, in the order of the names of the terms.
     pub(crate) fn worst_rates(&self) -> [f64; 3] {
-        let error = self.logarithmic(LARGEST_ERROR);
+        let error = self.cost(LARGEST_ERROR);
         let reward = &self.reward;
         [
             reward.tip_vibration * error,
@@ -74,11 +77,12 @@ impl RewardScale {
         ]
     }
 
-    /// An error (m) on the reward's logarithmic scale: 0 at none, 1 at one metre; errors beyond a
-    /// kilometre, and those that are not finite, count as one kilometre.
+    /// An error (m) on the reward's scale: 0 at none, 1 at one metre without a linear part; errors
+    /// beyond a kilometre, and those that are not finite, count as one kilometre.
     #[inline(always)]
-    pub(crate) fn logarithmic<T: Number>(&self, error: T) -> T {
+    pub(crate) fn cost<T: Number>(&self, error: T) -> T {
         let error = error.min(T::splat(LARGEST_ERROR));
-        ln_1p(error * self.per_resolution) * self.per_metre
+        let logarithm = ln_1p(error * self.per_resolution) * self.per_metre;
+        error.mul_add(T::splat(self.reward.linear), logarithm)
     }
 }

@@ -62,6 +62,14 @@ const MOMENTUM: [(&str, &str, f64); 2] = [
 /// Entry of the identified payload, if it is asked for: name, unit, scale.
 const IDENTIFIED: (&str, &str, f64) = ("identified_mass_error", "1", 0.1);
 
+/// Entries of the slew error taken to the tip, if they are asked for: name, unit, scale. The scales are
+/// those of the errors against which the wheels' whole torque is wanted, so that the weights of a
+/// good linear policy are of order one.
+const TIP_ERROR: [(&str, &str, f64); 2] = [("tip_error", "m", 0.05), ("tip_error_fine", "-", 2.0)];
+
+/// Where the compressed error at the tip turns from linear to logarithmic, m.
+const TIP_ERROR_FINE: f64 = 0.01;
+
 /// Entries of each preview time: name, unit, scale.
 const PREVIEW: [(&str, &str, f64); 2] = [
     ("reference_accel", "rad/s^2", 0.02),
@@ -87,6 +95,11 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
         let (name, unit, scale) = IDENTIFIED;
         frame.push((name.to_owned(), unit, scale));
     }
+    if task.observe_tip_error {
+        for (name, unit, scale) in TIP_ERROR {
+            frame.push((name.to_owned(), unit, scale));
+        }
+    }
     for time in &task.preview_times {
         for (name, unit, scale) in PREVIEW {
             frame.push((format!("{name}+{time}s"), unit, scale));
@@ -111,7 +124,12 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
 /// Entries of one frame.
 pub fn frame_size(task: &Task) -> usize {
     let identified = usize::from(task.observe_identified);
-    FIXED.len() + MOMENTUM.len() + identified + PREVIEW.len() * task.preview_times.len()
+    let tip_error = if task.observe_tip_error {
+        TIP_ERROR.len()
+    } else {
+        0
+    };
+    FIXED.len() + MOMENTUM.len() + identified + tip_error + PREVIEW.len() * task.preview_times.len()
 }
 
 /// What is told of the payload: its mass (kg), length and width (m).
@@ -185,6 +203,12 @@ pub(crate) fn observe<'a, T: Number>(
     } else {
         T::splat(0.0)
     };
+    let tip_error = if task.observe_tip_error {
+        let error = flight.reach() * measurement.slew_error;
+        [error, asinh(error * (1.0 / TIP_ERROR_FINE))]
+    } else {
+        [T::splat(0.0); 2]
+    };
     for lane in lanes_of(lanes) {
         let row = frame(lane);
         let (fixed, mut preview) = row.split_at_mut(scaled.len());
@@ -194,6 +218,15 @@ pub(crate) fn observe<'a, T: Number>(
         if task.observe_identified {
             preview[0] = identified.lane(lane) as f32;
             preview = &mut preview[1..];
+        }
+        if task.observe_tip_error {
+            let (entries, rest) = preview.split_at_mut(TIP_ERROR.len());
+            for ((entry, value), (_, _, scale)) in entries.iter_mut().zip(tip_error).zip(TIP_ERROR)
+            {
+                let scaled = value.lane(lane) * (1.0 / scale);
+                *entry = scaled.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
+            }
+            preview = rest;
         }
         let timeline = flight.timeline_of(lane);
         let now = clock.time.lane(lane);

@@ -56,8 +56,8 @@ impl<T: Number> RewardSums<T> {
     pub(crate) fn terms(&self, scale: &RewardScale, duration: T) -> [T; 3] {
         let per_sample = self.samples.max(T::splat(1.0)).recip();
         let reward = &scale.reward;
-        let vibration = scale.logarithmic((self.squared_vibration * per_sample).sqrt());
-        let slew = scale.logarithmic((self.squared_slew * per_sample).sqrt());
+        let vibration = scale.cost((self.squared_vibration * per_sample).sqrt());
+        let slew = scale.cost((self.squared_slew * per_sample).sqrt());
         let zero = T::splat(0.0);
         [
             (-(duration * reward.tip_vibration * vibration)).where_set(self.samples, zero),
@@ -80,7 +80,7 @@ pub(crate) fn charge_for_rest(
     let reward = &scale.reward;
     let slide = reach * task.limits.slew_error;
     [
-        -reward.tip_vibration * seconds * scale.logarithmic(task.limits.tip_deflection),
-        -reward.slew_error * seconds * scale.logarithmic(slide),
+        -reward.tip_vibration * seconds * scale.cost(task.limits.tip_deflection),
+        -reward.slew_error * seconds * scale.cost(slide),
     ]
 }
