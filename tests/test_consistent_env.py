@@ -84,7 +84,7 @@ def assert_same(actual: Any, expected: Any, path: str = "") -> None:
 def test_check_env_of_gymnasium_has_nothing_to_say(env_id: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         check_env(gym.make(env_id, **PLANT, horizon=0.3).unwrapped)
 
 
@@ -92,7 +92,7 @@ def test_check_env_of_stable_baselines3_has_nothing_to_say(env_id: str) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         checker.check_env(gym.make(env_id, **PLANT, horizon=0.3).unwrapped, warn=True)
 
 
@@ -120,7 +120,7 @@ def test_numbers_of_modes_matter() -> None:
 def test_modes_are_numbers_and_no_distribution(modes: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         env = drm_env.DrmEnv(plant="consistent", modes=modes)
     assert tuple(env.config.scenario.modes) == (4, 5)
     assert not drm_env.option_names()["modes"]["randomizable"]

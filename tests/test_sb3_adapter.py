@@ -196,7 +196,7 @@ def test_evaluate_policy_gives_the_returns_of_the_metrics() -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         rewards, lengths = evaluate_policy(
             model, env, n_eval_episodes=4, return_episode_rewards=True, callback=record
         )

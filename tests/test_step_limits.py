@@ -176,7 +176,7 @@ def test_limit_beyond_the_horizon_is_told() -> None:
     assert spec is not None and spec.max_episode_steps == 200
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         again = gym.make(spec)
     assert again.spec == spec
     assert len(episode(single(again))) == len(episode(single(env))) == 200

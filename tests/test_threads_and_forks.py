@@ -109,6 +109,7 @@ def test_no_call_has_more_threads_than_processors_and_it_says_so(name: str, aske
 def test_as_many_threads_as_processors_are_no_cause_for_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         drm_env.DrmVectorEnv(64, num_threads=PROCESSORS)
         drm_env.rollout([{"horizon": 0.1}], num_threads=PROCESSORS)
 

@@ -112,7 +112,7 @@ def test_autoreset_equals_sync_vector_env(
 
 
 def test_every_id_equals_sync_vector_env(env_id: str) -> None:
-    options = {"horizon": 0.06 if env_id.endswith("-v0") else 0.6}
+    options = {"horizon": 0.06, "control_period": 0.01}
     ours = native(3, AutoresetMode.SAME_STEP, env_id, **options)
     theirs = sync(3, AutoresetMode.SAME_STEP, env_id, **options)
     assert_same_step(ours.reset(seed=0), theirs.reset(seed=0))
@@ -290,7 +290,7 @@ def test_copy_false_reuses_its_arrays_and_gives_the_same_numbers() -> None:
 def test_spaces_and_metadata() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         env = gym.make_vec(ID, num_envs=5)
     single = gym.make(ID)
     assert env.single_observation_space == single.observation_space
@@ -320,7 +320,7 @@ def test_specification_makes_the_same_batch_again() -> None:
     assert env.spec is not None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is out of date")
+        warnings.filterwarnings("ignore", message=r".*is out of date")
         again = gym.make_vec(EnvSpec.from_json(env.spec.to_json()))
     assert again.num_envs == 3
     assert again.metadata["autoreset_mode"] is mode

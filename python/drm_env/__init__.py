@@ -21,6 +21,7 @@ Units are SI and radians throughout.
 from __future__ import annotations
 
 import importlib
+import warnings as _warnings
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as _gym
@@ -153,6 +154,12 @@ def __dir__() -> list[str]:
 
 
 def _register() -> None:
+    # v1 of a task is another task, made for learning; Gymnasium would call v0 out of date
+    _warnings.filterwarnings(
+        "ignore",
+        message=r".*The environment drm_env/\w+-v0 is out of date",
+        category=DeprecationWarning,
+    )
     # No step limit is registered: the horizon is an option, and the environment truncates there.
     for task in _task_names():
         words, _, version = task.partition("_v")
