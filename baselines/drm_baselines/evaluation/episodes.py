@@ -102,7 +102,7 @@ def fly_law(
     scenarios = scenarios_of(env_id, resolved, seed, episodes)
     if law["name"] != "none":
         check_period(label or str(law["name"]), LAW_PERIOD, resolved.sample_period)
-    metrics = drm_env.rollout(scenarios, law=dict(law), progress=progress)
+    metrics = drm_env.rollout(scenarios, law=dict(law), seed=seed, progress=progress)
     return Episodes(
         label=label or str(law["name"]),
         control_period=resolved.sample_period,

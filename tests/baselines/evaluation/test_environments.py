@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 import drm_env
 from drm_baselines import BaselineError, load_policy, make_policy
 from drm_baselines.cli.info import described_options
+from drm_baselines.evaluation import fly_law
 from drm_baselines.evaluation.contestants import Arena
 from drm_baselines.evaluation.environments import (
     config_data,
@@ -81,3 +83,13 @@ def test_what_is_resolved_is_what_the_environment_has() -> None:
 def test_other_environments_are_refused() -> None:
     with pytest.raises(BaselineError, match="there are " + ", ".join(known_ids())):
         resolved_config("CartPole-v1", {})
+
+
+def test_an_episode_of_a_law_has_the_noise_of_its_seed() -> None:
+    config = environment_config("drm_env/Slew-v0", {"rate_noise": 1e-3, "horizon": 2.0})
+    law = {"name": "linear"}
+    of_three = fly_law(law, config, env_id="drm_env/Slew-v0", seed=4, episodes=3)
+    alone = fly_law(law, config, env_id="drm_env/Slew-v0", seed=6, episodes=1)
+    np.testing.assert_array_equal(
+        of_three.metrics["peak_deflection"][2:], alone.metrics["peak_deflection"]
+    )
