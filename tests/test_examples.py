@@ -16,6 +16,16 @@ SMALL = {
     "own_controller": ("--episodes", "4"),
     "misreported_payload": ("--episodes", "8"),
     "custom_reward": ("--out", "reward.png"),
+    "train_from_scratch": (
+        "--envs",
+        "4",
+        "--steps",
+        "1024",
+        "--episodes",
+        "4",
+        "--out",
+        "curve.png",
+    ),
     "train_residual": ("--envs", "4", "--steps", "400", "--episodes", "2"),
 }
 
