@@ -163,12 +163,14 @@ impl Chain {
             force[k] += moment;
             force[k + 1] -= moment;
         }
+        let turned: Vec<(f64, f64)> = angles.iter().map(|angle| angle.sin_cos()).collect();
         let mut mass = DMatrix::from_diagonal(&self.spin);
-        for i in 0..count {
-            for k in 0..count {
-                let (sin, cos) = (angles[i] - angles[k]).sin_cos();
-                mass[(i, k)] += self.coupling[(i, k)] * cos;
-                force[i] -= self.coupling[(i, k)] * sin * rates[k] * rates[k];
+        for (i, (sin, cos)) in turned.iter().enumerate() {
+            for (k, (sin_k, cos_k)) in turned.iter().enumerate() {
+                // of the difference of the two angles
+                mass[(i, k)] += self.coupling[(i, k)] * (cos * cos_k + sin * sin_k);
+                let across = sin * cos_k - cos * sin_k;
+                force[i] -= self.coupling[(i, k)] * across * rates[k] * rates[k];
             }
         }
         mass.cholesky()
