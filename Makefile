@@ -30,7 +30,7 @@ demo: $(READY) ## fly one manoeuvre with and without control and show the result
 .PHONY: test
 test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then its slow ones
 	cargo test --release --workspace
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto -m "not slow"
 	$(BIN)/python -m pytest -m slow --durations=5 -v
 
 # The next target that needs the engine compiles the release again: nothing is measured with this one.
