@@ -21,9 +21,9 @@ LIVING = [page for page in PAGES if page.name != "CHANGELOG.md"]
 SMALLER = {
     "num_envs=1024": "num_envs=8",
     "n=1000": "n=8",
-    "n_envs=128": "n_envs=2",
-    ".learn(1_000_000)": ".learn(2)",
-    '"MlpPolicy", venv': '"MlpPolicy", venv, n_steps=32',
+    "n_envs=32": "n_envs=2",
+    "n_steps=128, batch_size=256": "n_steps=32, batch_size=16",
+    ".learn(250_000)": ".learn(2)",
 }
 """What the code of the README has, and what it is run with."""
 
