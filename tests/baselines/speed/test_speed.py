@@ -287,11 +287,11 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_valgrind() -> str:
         raise instructions.CountingError("no valgrind found")
 
-    def env_benchmark(config: str, steps: int) -> float:
-        assert json.loads(config)["scenario"]["horizon"] == 20.0
+    def env_benchmark(config: Any, steps: int) -> float:
+        assert json.loads(config.to_json())["scenario"]["horizon"] == 20.0
         return 1e-9 * steps
 
-    def batch_benchmark(config: str, envs: int, steps: int, threads: int | None) -> float:
+    def batch_benchmark(config: Any, envs: int, steps: int, threads: int | None) -> float:
         return env_benchmark(config, steps) * envs
 
     monkeypatch.setattr(_engine, "kernel_benchmark", kernel_benchmark, raising=False)
