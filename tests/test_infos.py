@@ -52,6 +52,7 @@ def test_every_info_has_the_same_keys_and_finite_float64(name: str) -> None:
 
 def test_metrics_are_those_of_the_episode_so_far() -> None:
     options = {"task": "slew_thesis", "slew_angle": 0.01, "payload_mass": 300.0}
+    # options of several kinds in one mapping, which a type checker cannot take apart
     *infos, _ = infos_of(drm_env.DrmEnv(horizon=1.6, **options))  # type: ignore[arg-type]
     for steps in (300, 750):
         last = infos_of(drm_env.DrmEnv(horizon=steps * 0.002, **options))[-2]  # type: ignore[arg-type]

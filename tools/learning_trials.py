@@ -83,33 +83,18 @@ TRIALS: dict[str, Trial] = {
         options={"control_period": 0.1},
         settings=PPO,
     ),
-    "sac-slew-v1": Trial(
-        title="SAC on Slew-v1",
-        group=SLEW,
-        algorithm="sac",
-        env_id="drm_env/Slew-v1",
-        steps=100_000,
-        n_envs=4,
-        settings={},
-    ),
-    "tqc-slew-v1": Trial(
-        title="TQC on Slew-v1",
-        group=SLEW,
-        algorithm="tqc",
-        env_id="drm_env/Slew-v1",
-        steps=100_000,
-        n_envs=4,
-        settings={},
-    ),
-    "crossq-slew-v1": Trial(
-        title="CrossQ on Slew-v1",
-        group=SLEW,
-        algorithm="crossq",
-        env_id="drm_env/Slew-v1",
-        steps=100_000,
-        n_envs=4,
-        settings={},
-    ),
+    **{
+        f"{title.lower()}-slew-v1": Trial(
+            title=f"{title} on Slew-v1",
+            group=SLEW,
+            algorithm=title.lower(),
+            env_id="drm_env/Slew-v1",
+            steps=100_000,
+            n_envs=4,
+            settings={},
+        )
+        for title in ("SAC", "TQC", "CrossQ")
+    },
     "ppo-residual-v1": Trial(
         title="PPO on SlewResidual-v1",
         group=RESIDUAL,

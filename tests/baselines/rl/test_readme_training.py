@@ -45,4 +45,7 @@ def test_training_lines_beat_the_inner_law() -> None:
         agent.judged("settled"), inner.judged("settled"), higher_is_better=True, trimmed=False
     )
     assert settled.better, settled
+    for flown in (agent, inner):
+        print(flown.label, flown.estimate("tip_error_rms"), np.mean(flown.judged("settled")))
+    print("paired", error, settled)
     assert np.isfinite(agent.judged("tip_error_rms")).all()
