@@ -25,6 +25,7 @@ IDS = (
     "drm_env/SlewResidual-v0",
     "drm_env/SlewThesis-v0",
     "drm_env/SlewDirect-v0",
+    "drm_env/SlewFlexible-v0",
 )
 
 

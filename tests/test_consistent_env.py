@@ -310,7 +310,7 @@ def test_lanes_of_a_batch_can_be_saved() -> None:
 # Flights
 
 
-@pytest.mark.parametrize("law", ["none", "linear", "lyapunov"])
+@pytest.mark.parametrize("law", ["none", "linear", "lyapunov", "servo"])
 def test_a_rollout_has_the_metrics_of_single_flights(law: str) -> None:
     scenarios = [
         {"plant": "consistent", "modes": modes, "payload": payload, "horizon": 6.0}
@@ -336,7 +336,7 @@ def test_the_environment_flies_what_simulate_flies() -> None:
                 assert signals[name] == flight[name][index], name
 
 
-@pytest.mark.parametrize("law", ["none", "linear", "lyapunov"])
+@pytest.mark.parametrize("law", ["none", "linear", "lyapunov", "servo"])
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_an_exact_payload_arrives_under_each_law(payload: str, law: str) -> None:
     scenario = {"plant": "consistent", "modes": (4, 4), "payload": PAYLOADS[payload]}

@@ -6,6 +6,8 @@ The environment is stepped at the laws' own sample period, so the only differenc
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ import drm_env
 METRICS = ("tip_error_rms", "peak_slew_angle", "residual_rms", "wheel_effort")
 
 
-@pytest.mark.parametrize("law", ["linear", "lyapunov"])
+@pytest.mark.parametrize("law", ["linear", "lyapunov", "servo"])
 def test_law_as_policy_flies_the_simulated_manoeuvre(law: str) -> None:
     env = drm_env.DrmEnv(task="slew_thesis", mass_error=0.15)
     control = drm_env.ControlLaw(law, task="slew_thesis")
@@ -36,12 +38,23 @@ def test_law_as_policy_flies_the_simulated_manoeuvre(law: str) -> None:
 
 def random_rows(n: int) -> np.ndarray:
     rng = np.random.default_rng(0)
-    scale = [0.1, 0.02, 0.05, 0.5, 0.0, 0.0, 0.0, 0.0]
-    offset = [0.0, 0.0, 0.0, 0.0, 5.0, 200.0, 1.0, 0.5]
-    return np.asarray(rng.normal(size=(n, 8)) * scale + offset)
+    spread = {
+        "slew_error": 0.1,
+        "slew_error_rate": 0.02,
+        "link2_deflection": 0.05,
+        "link2_deflection_rate": 0.5,
+        "reference_rate": 0.1,
+        "slew_torque": 500.0,
+        "root_momentum": 100.0,
+    }
+    middle = {"extension": 5.0, "payload_mass": 200.0, "payload_length": 1.0, "payload_width": 0.5}
+    names = drm_env.ControlLaw.MEASUREMENTS
+    scale = [spread.get(name, 0.0) for name in names]
+    offset = [middle.get(name, 0.0) for name in names]
+    return np.asarray(rng.normal(size=(n, len(names))) * scale + offset)
 
 
-@pytest.mark.parametrize("law", ["none", "linear", "lyapunov"])
+@pytest.mark.parametrize("law", ["none", "linear", "lyapunov", "servo"])
 def test_rows_do_not_touch_each_other(law: str) -> None:
     control = drm_env.ControlLaw(law)
     rows = random_rows(7)
@@ -78,9 +91,39 @@ def test_linear_law_is_its_formula() -> None:
 
 def test_wrong_shapes_and_laws_are_refused() -> None:
     control = drm_env.ControlLaw("linear")
-    with pytest.raises(drm_env.SimulationError, match=r"measurements must have shape \[2, 8\]"):
+    with pytest.raises(drm_env.SimulationError, match=r"measurements must have shape \[2, 14\]"):
         control.torques(np.zeros((2, 5)), np.zeros((2, 3)), np.ones(2, bool))
-    with pytest.raises(drm_env.SimulationError, match=r"state must have shape \[2, 3\]"):
-        control.torques(np.zeros((2, 8)), np.zeros((3, 3)), np.ones(2, bool))
+    with pytest.raises(drm_env.SimulationError, match=r"state must have shape \[2, 17\]"):
+        control.torques(np.zeros((2, 14)), np.zeros((3, 3)), np.ones(2, bool))
     with pytest.raises(drm_env.ConfigError, match="pid"):
         drm_env.ControlLaw("pid")
+
+
+def test_servo_finds_the_true_mass_while_it_flies() -> None:
+    """What the filter believes at the end of a slew, against the payload that was drawn."""
+    options: dict[str, Any] = {"task": "slew_flexible", "control_period": 0.002, "horizon": 14.0}
+    env = drm_env.DrmVectorEnv(6, **options)
+    control = drm_env.ControlLaw("servo", **options)
+    observation, info = env.reset(seed=3)
+    state, start = control.initial_state(6), np.ones(6, bool)
+    for _ in range(6500):
+        measured = control.measurements(observation)
+        torques, state = control.torques(measured, state, start)
+        start[:] = False
+        action = np.clip(torques / control.torque_limits, -1.0, 1.0)
+        observation = env.step(action.astype(np.float32))[0]
+    reported, true = info["context/reported_payload_mass"], info["context/payload_mass"]
+    believed = reported * (1.0 + state[:, 4])
+    assert (np.abs(reported / true - 1.0) > 0.03).any()
+    np.testing.assert_allclose(believed, true, rtol=0.03)
+
+
+def test_servo_keeps_the_flexible_arm_still() -> None:
+    """Against the thesis' linear law on the same twelve episodes."""
+    config = drm_env.resolve("drm_env/SlewFlexible-v0", horizon=30.0)
+    scenarios = drm_env.sample_scenarios(config=config, seed=11, n=12)
+    error = {
+        law: np.median(drm_env.rollout(scenarios, law=law, seed=0)["tip_error_rms"])
+        for law in ("linear", "servo")
+    }
+    assert error["servo"] < error["linear"] / 10.0

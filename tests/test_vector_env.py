@@ -210,9 +210,10 @@ def test_lanes_are_the_single_environments(n: int) -> None:
         },
         {"particle_following": True, "axial_load": False, "tip_torque": "tip_only"},
         {"inner_law": "lyapunov", "control_period": 0.02, "action_rate_limit": 4.0},
+        {"task": "slew_flexible", "inner_law": "servo"},
         {"root_lag": (0.0, 0.02), "tip_dead_time": (0.0, 0.01), "tip_momentum_limit": 0.2},
     ],
-    ids=["sensors", "deployments", "dynamics", "inner law", "wheels"],
+    ids=["sensors", "deployments", "dynamics", "inner law", "flexible", "wheels"],
 )
 def test_lanes_are_the_single_environments_for_other_options(options: dict[str, Any]) -> None:
     # 13 lanes fill no pack of four or eight evenly

@@ -25,6 +25,8 @@ struct Case {
     accel: f64,
     /// s.
     duration: f64,
+    /// Of the payload's centre of mass from the axis, m.
+    offset: f64,
 }
 
 const SAMPLE: f64 = 0.01;
@@ -35,7 +37,10 @@ const BEND: usize = 1;
 
 impl Case {
     fn payload(&self) -> PayloadProperties {
-        PayloadProperties::new(self.mass, 1.5, 0.75, PayloadInertia::Full)
+        PayloadProperties {
+            offset: self.offset,
+            ..PayloadProperties::new(self.mass, 1.5, 0.75, PayloadInertia::Full)
+        }
     }
 
     fn samples(&self) -> usize {
@@ -69,6 +74,10 @@ struct Chain {
     spin: DVector<f64>,
     springs: Vec<f64>,
     lengths: Vec<f64>,
+    /// Mass of the payload and its distance from the last piece's line.
+    off_axis: (f64, f64),
+    /// Its distance along each piece.
+    levers: DVector<f64>,
 }
 
 impl Chain {
@@ -127,6 +136,8 @@ impl Chain {
         let last = count - 1;
         let centre = lengths[last] + payload.length / 2.0;
         add(last, payload.mass, centre, payload.inertia_centre);
+        let mut levers = DVector::from_column_slice(&lengths);
+        levers[last] = centre;
         let springs = (0..springs)
             .map(|k| {
                 let soft = std::cell::Cell::new(0.0);
@@ -145,6 +156,8 @@ impl Chain {
             spin,
             springs,
             lengths,
+            off_axis: (payload.mass, payload.offset),
+            levers,
         }
     }
 
@@ -172,6 +185,20 @@ impl Chain {
                 let across = sin * cos_k - cos * sin_k;
                 force[i] -= self.coupling[(i, k)] * across * rates[k] * rates[k];
             }
+        }
+        // the payload's way from the line, at a right angle to the last piece
+        let (payload, offset) = self.off_axis;
+        let last = count - 1;
+        mass[(last, last)] += payload * offset * offset;
+        for (k, (sin, cos)) in turned.iter().enumerate() {
+            let (sin_last, cos_last) = turned[last];
+            let coupling = payload * offset * self.levers[k];
+            let along = coupling * (cos * sin_last - sin * cos_last);
+            let across = coupling * (cos * cos_last + sin * sin_last);
+            mass[(k, last)] -= along;
+            mass[(last, k)] -= along;
+            force[k] += across * rates[last] * rates[last];
+            force[last] -= across * rates[k] * rates[k];
         }
         mass.cholesky()
             .expect("M is positive definite")
@@ -309,6 +336,7 @@ fn bending_of_a_turning_arm_is_that_of_a_chain_of_rigid_pieces() {
             rate,
             accel,
             duration,
+            offset: 0.0,
         };
         let limit = limit(&case, BEND);
         let of = |axial_load: bool| {
@@ -345,6 +373,7 @@ fn what_is_left_out_shrinks_with_the_square_of_the_deflection() {
             rate: 0.0,
             accel,
             duration: 1.0,
+            offset: 0.0,
         };
         let limit = limit(&case, BEND);
         let found = signal(&fly_plant(&case, &Dynamics::default(), 6, 2.5e-4), BEND);
@@ -353,4 +382,39 @@ fn what_is_left_out_shrinks_with_the_square_of_the_deflection() {
     let [(large, bend), (half, half_bend)] = [0.01, 0.005].map(apart_at);
     println!("{large:.4} of {bend:.3e} rad, {half:.4} of {half_bend:.3e} rad");
     assert!(large > 2.5 * half && large < 0.2, "{large} {half}");
+}
+
+/// A payload whose centre of mass is off the axis bends the arm as it is pulled outwards, and turns with the
+/// tip.
+#[test]
+fn a_payload_off_the_axis_bends_the_arm_as_it_bends_the_chain() {
+    for (mass, extension, rate, accel, duration, offset) in [
+        (200.0, 8.0, 0.5, 0.002, 2.0, 0.2),
+        (450.0, 3.0, 1.0, 0.0, 1.0, -0.3),
+    ] {
+        let case = Case {
+            mass,
+            extension,
+            rate,
+            accel,
+            duration,
+            offset,
+        };
+        let limit = limit(&case, BEND);
+        let found = signal(&fly_plant(&case, &Dynamics::default(), 6, 2.5e-4), BEND);
+        let on_axis = Case {
+            offset: 0.0,
+            ..case
+        };
+        let without = signal(&fly_plant(&on_axis, &Dynamics::default(), 6, 2.5e-4), BEND);
+        let (with, without) = (apart(&found, &limit), apart(&without, &limit));
+        println!(
+            "{case:?}: {with:.4} of {:.3e} rad, on the axis {without:.3e}",
+            rms(&limit)
+        );
+        assert!(
+            with < 0.05 && without > 5.0 * with,
+            "{case:?}: {with} {without}"
+        );
+    }
 }

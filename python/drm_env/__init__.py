@@ -8,6 +8,7 @@ Importing this package registers
     drm_env/SlewResidual-v0   the same, as a correction at 50 Hz to an inner law at 500 Hz
     drm_env/SlewThesis-v0     the thesis' manoeuvre: nothing random, 500 Hz
     drm_env/SlewDirect-v0     as Slew, and the slew motor is the agent's too
+    drm_env/SlewFlexible-v0   an arm that one could build: flexible, with real wheels and sensors
 
 >>> import gymnasium as gym
 >>> import drm_env

@@ -149,6 +149,40 @@ class OpenLoop:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ServoLaw:
+    """
+    Time-optimal servo for the whole arm on the balance of angular momentum, with modal damping (not in the
+    thesis).
+    """
+
+    name: Literal["servo"] = "servo"
+    bandwidth: float = 2.0
+    """Rate at which a small error decays, 1/s."""
+    rate_bandwidth: float = 3.0
+    """Rate at which the wanted rate is followed, 1/s."""
+    torque_share: float = 0.9
+    """Part of the wheels' torque that the parabola counts on."""
+    damping: tuple[float, float, float] = (0.05, 0.02, 0.0)
+    """Damping ratio that the root wheel adds to each of the three lowest modes."""
+    damping_torque: float = 60.0
+    """Most of the root wheel's torque that damping may take, N m."""
+    observer_bandwidth: tuple[float, float, float] = (6.0, 6.0, 6.0)
+    """Rate at which the observer of each mode forgets, 1/s."""
+    angle_deviation: float = 0.003
+    """Standard deviation of the slew angle as the filter believes it, rad: of noise and what vibration is left."""
+    angle_drift: float = 1e-05
+    """What the whole arm's angle may drift as the filter believes it, rad/s^(1/2)."""
+    mass_deviation: float = 0.09
+    """Standard deviation of the reported mass as the filter believes it, as a part of it."""
+    bending_stiffness: tuple[float, float] = (2500000.0, 3000000.0)
+    """Bending stiffness of the links as the law believes it, N m^2."""
+    damping_ratio: float = 0.005
+    """Damping ratio of the modes as the law believes it."""
+    delay: float = 0.002
+    """Delay of the measurements as the law believes it, s: up to half a sample none, else one sample."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LinearRoot:
     """Gains of the root wheel."""
 
@@ -292,6 +326,11 @@ class Payload:
     """Width across the arm, m; null takes it from Table 2-7 by interpolation over the mass."""
     inertia: PayloadInertia = "full"
     """Which moment of inertia the dimensions give."""
+    offset: float = 0.0
+    """
+    Distance of the centre of mass from the arm's axis, m: positive where a positive slew goes. Of the
+    consistent plant; the thesis' payloads are on the axis.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -356,6 +395,8 @@ class Dynamics:
     Kelvin-Voigt time constant of the links' bending, s: a mode of angular frequency w gets the
     damping ratio w/2 times this. The thesis has none.
     """
+    damping_ratio: float = 0.0
+    """Damping ratio of every natural mode of the arm as it is at each length, in the consistent plant."""
     spectral_radius: float = 0.8
     """
     Spectral radius at infinite frequency of the consistent plant's implicit integrator: 1 damps
@@ -375,6 +416,8 @@ class Randomize:
     """True payload width across the arm."""
     payload_inertia: Distribution | None = None
     """Payload inertia: full or slender."""
+    payload_offset: Distribution | None = None
+    """Distance of the payload's centre of mass from the axis."""
     mass_error: Distribution | None = None
     """Relative error of the reported payload mass."""
     reported_payload_mass: Distribution | None = None
@@ -447,6 +490,8 @@ class Randomize:
     """Delay of the measured outputs."""
     structural_damping: Distribution | None = None
     """Kelvin-Voigt time constant."""
+    damping_ratio: Distribution | None = None
+    """Damping ratio of every mode of the consistent plant."""
     link1_length: Distribution | None = None
     """Length of link 1."""
     link1_bending_stiffness: Distribution | None = None
@@ -497,7 +542,7 @@ class ScheduledLaw:
     """Tip wheel."""
 
 
-Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw
+Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw | ServoLaw
 """A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name."""
 
 

@@ -46,6 +46,8 @@ class Parameters(TypedDict, total=False):
     """True payload width across the arm. Unit: m."""
     payload_inertia: PayloadInertia | Sequence[PayloadInertia] | Choices | Mapping[str, object]
     """Payload inertia: full or slender."""
+    payload_offset: Drawn
+    """Distance of the payload's centre of mass from the axis. Unit: m."""
     mass_error: Drawn
     """Relative error of the reported payload mass."""
     reported_payload_mass: Drawn | None
@@ -118,6 +120,8 @@ class Parameters(TypedDict, total=False):
     """Delay of the measured outputs. Unit: s."""
     structural_damping: Drawn
     """Kelvin-Voigt time constant. Unit: s."""
+    damping_ratio: Drawn
+    """Damping ratio of every mode of the consistent plant."""
     link1_length: Drawn
     """Length of link 1. Unit: m."""
     link1_bending_stiffness: Drawn

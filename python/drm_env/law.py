@@ -29,7 +29,7 @@ class ControlLaw:
     Parameters
     ----------
     law
-        ``"none"``, ``"linear"``, ``"lyapunov"`` or a mapping of a law's parameters.
+        ``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"`` or a mapping of a law's parameters.
     task, config, **options
         as for `DrmEnv`: the control period, the arm and the layout of the
         observation are read from them.
@@ -83,7 +83,7 @@ class ControlLaw:
         return self._law.torque_limits
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
-        """The memory of ``n`` laws before their first call, shape (n, 3)."""
+        """The memory of ``n`` laws before their first call, shape (n, k), k numbers each."""
         return np.zeros((n, _engine.LAW_MEMORY))
 
     def measurements(self, observations: ArrayLike) -> NDArray[np.float64]:
@@ -121,7 +121,7 @@ class ControlLaw:
         measurements
             shape (n, len(MEASUREMENTS)), SI, see `measurements`.
         state
-            shape (n, 3), what the call before returned.
+            shape (n, k), what the call before returned.
         start
             shape (n,), true where an episode begins; the state is then ignored.
 

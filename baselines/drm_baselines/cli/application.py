@@ -17,6 +17,7 @@ from drm_baselines.cli.info import info
 from drm_baselines.cli.modes import modes
 from drm_baselines.cli.reproduce import reproduce
 from drm_baselines.cli.simulate import simulate
+from drm_baselines.cli.stability import stability
 from drm_baselines.cli.terminal import say
 from drm_baselines.cli.train import train
 from drm_baselines.cli.tune import tune
@@ -62,7 +63,7 @@ def _options(
 
 
 for _command in (
-    info, modes, simulate, compare, train, imitate, tune, evaluate, benchmark, demo, reproduce,
+    info, modes, stability, simulate, compare, train, imitate, tune, evaluate, benchmark, demo, reproduce,
     bench,
 ):  # fmt: skip
     # these two see to the file that --json took once

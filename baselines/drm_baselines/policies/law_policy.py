@@ -49,6 +49,9 @@ _LIMITS = ("root_torque_limit", "tip_torque_limit")
 _ARM = ("link1_length", "link2_mass_per_length", "payload_inertia")
 """What the Lyapunov law knows of the arm, by the flat names of the scenario's parameters."""
 
+_MODELLED_ARM = (*_ARM, "link1_mass_per_length", "link2_length")
+"""What the servo knows of it besides; the stiffness that it believes is among its own parameters."""
+
 _MOST_ARMS = 256
 
 
@@ -100,7 +103,8 @@ class LawPolicy:
         self._law = drm_env.ControlLaw(self.law, config=config)
         self._arms: dict[tuple[float, ...], drm_env.ControlLaw] = {}
         self._contexts = None
-        self._needs = _LIMITS + (_ARM if self.name == "lyapunov" else ())
+        self._arm = {"lyapunov": _ARM, "servo": _MODELLED_ARM}.get(self.name, ())
+        self._needs = _LIMITS + self._arm
         if env is not None:
             check_environment(env, config)
         if self.name == "none":
@@ -111,7 +115,7 @@ class LawPolicy:
                 f"action; flying {self.name!r} on top would apply two laws at once. Use 'none' "
                 "for the inner law alone, or an environment without inner_law"
             )
-        if self.name in ("lyapunov", "scheduled") and str(task.observe_payload) == "hidden":
+        if self.name in ("lyapunov", "scheduled", "servo") and str(task.observe_payload) == "hidden":
             raise PolicyError(
                 f"the law {self.name!r} needs the payload's mass, length and width, which this "
                 "environment hides (observe_payload is 'hidden')"
@@ -225,9 +229,9 @@ class LawPolicy:
         start: NDArray[np.bool_],
         known: NDArray[np.float64] | None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        if known is None or known.shape[1] == len(_LIMITS):
+        if known is None or not self._arm:
             return self._law.torques(measurements, memory, start)
-        arms, which = np.unique(known[:, len(_LIMITS) :], axis=0, return_inverse=True)
+        arms, which = np.unique(known, axis=0, return_inverse=True)
         torques = np.empty((len(measurements), 2))
         after = np.empty_like(memory)
         for index, arm in enumerate(arms.tolist()):
@@ -238,11 +242,11 @@ class LawPolicy:
         return torques, after
 
     def _law_of(self, arm: tuple[float, ...]) -> drm_env.ControlLaw:
-        """The law that knows an episode's arm."""
+        """The law that knows an episode's torque limits and arm."""
         if arm not in self._arms:
             if len(self._arms) >= _MOST_ARMS:
                 self._arms.clear()
-            options: dict[str, Any] = dict(zip(_ARM, arm, strict=True))
+            options: dict[str, Any] = dict(zip(self._needs, arm, strict=True))
             options["payload_inertia"] = PAYLOAD_INERTIAS[int(options["payload_inertia"])]
             self._arms[arm] = drm_env.ControlLaw(self.law, config=self.config, **options)
         return self._arms[arm]

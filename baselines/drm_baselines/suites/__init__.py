@@ -12,9 +12,10 @@ import copy
 import csv
 import hashlib
 import io
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -58,6 +59,15 @@ _COLUMNS = {
 }  # fmt: skip
 
 
+# Those that only suites of the flexible arm draw.
+_FLEXIBLE_COLUMNS = {
+    "payload_offset": ("payload", "offset"),
+    "link1_bending_stiffness": ("arm", "link1", "bending_stiffness"),
+    "link2_bending_stiffness": ("arm", "link2", "bending_stiffness"),
+    "damping_ratio": ("dynamics", "damping_ratio"),
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Suite:
     """Manoeuvres that belong together.
@@ -72,6 +82,8 @@ class Suite:
         Range of the true mass, kg; none for a suite that lists its manoeuvres.
     initial
         Largest initial deflection alpha and beta, m; 0 starts at rest.
+    drawn
+        What else is drawn for each episode, by the flat names of the scenario's parameters.
     episodes
         Manoeuvres of all strata together.
     """
@@ -81,7 +93,14 @@ class Suite:
     base: Mapping[str, Any]
     payload_mass: tuple[float, float] | None = None
     initial: float = 0.0
+    drawn: Mapping[str, Any] = field(default_factory=dict)
     episodes: int = 1000
+
+    @property
+    def columns(self) -> dict[str, tuple[str, ...]]:
+        """Columns of the suite's file, and where in a scenario they belong."""
+        drawn = {name: path for name, path in _FLEXIBLE_COLUMNS.items() if name in self.drawn}
+        return {**_COLUMNS, **drawn}
 
     def stratum_config(self, stratum: int) -> dict[str, Any]:
         """Return the environment configuration that one stratum of the suite is drawn from.
@@ -105,6 +124,7 @@ class Suite:
         if self.initial > 0.0:
             for name in ("initial_alpha", "initial_beta"):
                 randomize[name] = {"uniform": [-self.initial, self.initial]}
+        randomize.update(copy.deepcopy(dict(self.drawn)))
         scenario = copy.deepcopy(dict(self.base))
         scenario["slew"] = {**scenario.get("slew", {}), "profile": profile}
         return {"scenario": scenario, "randomize": randomize}
@@ -123,6 +143,20 @@ _ROUGH = {
     "root_wheel": {"lag": 0.005},
     "tip_wheel": {"lag": 0.005},
 }
+
+
+
+def _flexible() -> dict[str, Any]:
+    """Hardware and draws of ``drm_env/SlewFlexible-v0``, which its suite takes as they are."""
+    config = drm_env.default_config("slew_flexible")
+    data = json.loads(drm_env.resolve(config=config).json)
+    scenario = data["scenario"]
+    kept = ("plant", "modes", "dynamics", "root_wheel", "tip_wheel", "sensors")
+    return {
+        "base": {"horizon": HORIZON, **{name: scenario[name] for name in kept}},
+        "drawn": {name: data["randomize"][name] for name in _FLEXIBLE_COLUMNS},
+    }
+
 
 SUITES: dict[str, Suite] = {
     suite.name: suite
@@ -157,6 +191,12 @@ SUITES: dict[str, Suite] = {
             base={"horizon": HORIZON, **_ROUGH},
             payload_mass=(50.0, 500.0),
             initial=1.0e-3,
+        ),
+        Suite(
+            name="flexible",
+            title="a damped flexible arm: lagging wheels, real sensors, payloads off the axis",
+            payload_mass=(50.0, 500.0),
+            **_flexible(),
         ),
     )
 }
@@ -232,7 +272,7 @@ def generate(name: str) -> list[dict[str, Any]]:
         )
         for scenario in scenarios:
             row: dict[str, Any] = {"stratum": title}
-            for column, path in _COLUMNS.items():
+            for column, path in suite.columns.items():
                 value: Any = scenario
                 for part in path:
                     value = value[part]
@@ -245,7 +285,7 @@ def generate(name: str) -> list[dict[str, Any]]:
 def text_of(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a suite's rows as the text of its file; numbers are written to the last bit."""
     stream = io.StringIO()
-    names = ["episode", "stratum", *_COLUMNS]
+    names = ["episode", *rows[0]]
     writer = csv.DictWriter(stream, names, lineterminator="\n")
     writer.writeheader()
     for index, row in enumerate(rows):
@@ -308,7 +348,7 @@ def load(name: str) -> Manoeuvres:
     scenarios, strata = [], []
     for row in csv.DictReader(io.StringIO(text)):
         scenario: dict[str, Any] = copy.deepcopy(dict(suite.base))
-        for column, path in _COLUMNS.items():
+        for column, path in suite.columns.items():
             node = scenario
             for part in path[:-1]:
                 node = node.setdefault(part, {})

@@ -1,17 +1,23 @@
 //! The model as matrices, laws outside the engine's loop, and whole manoeuvres.
 
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
 use drm_env::Model as Engine;
 use drm_env::analysis::linearization::{INPUT_NAMES, OUTPUT_NAMES};
 use drm_env::analysis::transitions::Transitions;
 use drm_env::arm::{PayloadInertia, PayloadProperties};
 use drm_env::config::{ValidConfig, law_from_json, scenario_from_json};
-use drm_env::control::{KnownInertia, Law as EngineLaw, LawMemory, MEMORY_SIZE, Measurement};
+use drm_env::control::{
+    KnownInertia, Law as EngineLaw, LawMemory, MEMORY_SIZE, Measurement, ServoMemory, ServoModel,
+};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
 use drm_env::plant::Torques;
 use drm_env::reference::Extension;
 use drm_env::rollout::SIGNAL_NAMES;
 use drm_env::simulation::metrics::METRIC_NAMES;
+use drm_env::simulation::servo_model;
 use drm_env::{env, interruption, memory, rollout as flights};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -176,12 +182,18 @@ impl Model {
 }
 
 /// What a law is told: the columns of its measurements.
-const MEASUREMENTS: [&str; 8] = [
+const MEASUREMENTS: [&str; 14] = [
     "slew_error",
     "slew_error_rate",
     "link2_deflection",
     "link2_deflection_rate",
     "extension",
+    "extension_rate",
+    "reference_rate",
+    "reference_accel",
+    "slew_torque",
+    "root_momentum",
+    "tip_momentum",
     "payload_mass",
     "payload_length",
     "payload_width",
@@ -198,7 +210,11 @@ pub(crate) fn measurement_names() -> Vec<&'static str> {
 pub(crate) struct Law {
     law: EngineLaw,
     config: ValidConfig,
+    models: Mutex<HashMap<[u64; 3], Arc<ServoModel<f64>>>>,
 }
+
+/// Payloads whose models are kept.
+const KEPT_MODELS: usize = 4096;
 
 #[pymethods]
 impl Law {
@@ -208,6 +224,7 @@ impl Law {
             Ok::<_, ConfigError>(Self {
                 law: law_from_json(law)?,
                 config: config.held().clone(),
+                models: Mutex::default(),
             })
         })
     }
@@ -260,7 +277,7 @@ impl Law {
 impl Law {
     fn one(
         &self,
-        row: &[f64; 8],
+        row: &[f64; MEASUREMENTS.len()],
         memory: &[f64; MEMORY_SIZE],
         start: bool,
     ) -> ([f64; 2], [f64; MEMORY_SIZE]) {
@@ -270,6 +287,12 @@ impl Law {
             deflection,
             deflection_rate,
             extension,
+            extension_rate,
+            reference_rate,
+            reference_accel,
+            slew_torque,
+            root_momentum,
+            tip_momentum,
             mass,
             length,
             width,
@@ -280,6 +303,12 @@ impl Law {
             link2_deflection: deflection,
             link2_deflection_rate: deflection_rate,
             extension,
+            extension_rate,
+            reference_rate,
+            reference_accel,
+            slew_torque,
+            root_momentum,
+            tip_momentum,
         };
         let scenario = &self.config.scenario;
         let inertia: PayloadInertia = scenario.payload.inertia;
@@ -292,22 +321,45 @@ impl Law {
                 slew_error_rate: memory[0],
                 link2_deflection_rate: memory[1],
                 started: memory[2],
+                servo: memory
+                    .last_chunk()
+                    .map_or_else(ServoMemory::fresh, ServoMemory::from_numbers),
             }
         };
+        let model = self.model(&reported);
         let torques = self.law.torques(
             &measured,
             &known,
+            model.as_deref(),
             &mut memory,
             self.config.task.control_period,
         );
-        (
-            [torques.root, torques.tip],
-            [
+        ([torques.root, torques.tip], {
+            let mut row = [0.0; MEMORY_SIZE];
+            row[..3].copy_from_slice(&[
                 memory.slew_error_rate,
                 memory.link2_deflection_rate,
                 memory.started,
-            ],
-        )
+            ]);
+            row[3..].copy_from_slice(&memory.servo.numbers());
+            row
+        })
+    }
+
+    /// The model of a law that wants one, made once for each payload; none where there cannot be one.
+    fn model(&self, reported: &PayloadProperties) -> Option<Arc<ServoModel<f64>>> {
+        let servo = self.law.needs_model()?;
+        let key = [reported.mass, reported.length, reported.width].map(f64::to_bits);
+        let mut models = self.models.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(model) = models.get(&key) {
+            return Some(Arc::clone(model));
+        }
+        let model = Arc::new(servo_model(&self.config.scenario, reported, servo).ok()?);
+        if models.len() == KEPT_MODELS {
+            models.clear();
+        }
+        models.insert(key, Arc::clone(&model));
+        Some(model)
     }
 }
 

@@ -1,6 +1,6 @@
 //! The payload at the tip.
 
-use crate::check::non_negative;
+use crate::check::{finite, non_negative};
 use crate::error::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,9 @@ pub struct Payload {
     pub width: Option<f64>,
     /// Which moment of inertia the dimensions give.
     pub inertia: PayloadInertia,
+    /// Distance of the centre of mass from the arm's axis, m: positive where a positive slew goes. Of the
+    /// consistent plant; the thesis' payloads are on the axis.
+    pub offset: f64,
 }
 
 impl Default for Payload {
@@ -38,6 +41,7 @@ impl Default for Payload {
             length: None,
             width: None,
             inertia: PayloadInertia::Full,
+            offset: 0.0,
         }
     }
 }
@@ -78,13 +82,15 @@ pub struct PayloadProperties {
     pub inertia_centre: f64,
     /// Moment of inertia J = Ip + Mp Lp^2 / 4 about the attachment point, kg m^2.
     pub inertia_attachment: f64,
+    /// Distance of the centre of mass from the arm's axis, m.
+    pub offset: f64,
 }
 
 impl PayloadProperties {
     /// Completes a payload; `path` names it in errors.
     ///
     /// # Errors
-    /// A mass or dimension that is negative or not finite.
+    /// A mass or dimension that is negative or not finite, an offset that is not finite.
     pub fn resolve(payload: &Payload) -> Result<Self, ConfigError> {
         non_negative("mass", payload.mass)?;
         let (table_length, table_width) = table_2_7_dimensions(payload.mass);
@@ -92,10 +98,19 @@ impl PayloadProperties {
         let width = payload.width.unwrap_or(table_width);
         non_negative("length", length)?;
         non_negative("width", width)?;
-        Ok(Self::new(payload.mass, length, width, payload.inertia))
+        finite("offset", payload.offset)?;
+        Ok(Self {
+            offset: payload.offset,
+            ..Self::new(payload.mass, length, width, payload.inertia)
+        })
     }
 
-    /// From mass (kg), length and width (m).
+    /// Moment of inertia about the point of the axis beside the centre of mass, kg m^2.
+    pub fn inertia_on_axis(&self) -> f64 {
+        (self.mass * self.offset).mul_add(self.offset, self.inertia_centre)
+    }
+
+    /// From mass (kg), length and width (m); the centre of mass on the arm's axis.
     pub fn new(mass: f64, length: f64, width: f64, inertia: PayloadInertia) -> Self {
         let across = match inertia {
             PayloadInertia::Full => width,
@@ -108,6 +123,7 @@ impl PayloadProperties {
             width,
             inertia_centre,
             inertia_attachment: inertia_centre + mass * length * length / 4.0,
+            offset: 0.0,
         }
     }
 }

@@ -20,7 +20,9 @@ use crate::config::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
 use crate::config::scenario::Scenario;
 use crate::control::Law;
 use crate::error::ConfigError;
+use crate::hardware::sensors::Sensors;
 use crate::math::rng::{Purpose, Seed, Stream};
+use crate::plant::PlantModel;
 
 pub use json::{law_from_json, scenario_from_json};
 use json::{name_law, object, typed};
@@ -54,13 +56,14 @@ impl Default for EnvConfig {
 }
 
 /// Names of the presets, one a registered environment.
-pub const PRESETS: [&str; 6] = [
+pub const PRESETS: [&str; 7] = [
     "slew",
     "slew_residual",
     "slew_thesis",
     "slew_direct",
     "slew_v1",
     "slew_residual_v1",
+    "slew_flexible",
 ];
 
 /// Draws with which a configuration is tried, and attempts after which overrides are refused.
@@ -104,6 +107,11 @@ impl EnvConfig {
                 config.task.made_for_learning();
                 config.task.inner_law = Some(Law::named("linear")?);
             }
+            "slew_flexible" => {
+                config.task.made_for_learning();
+                config.task.control_period = 0.02;
+                config.make_flexible();
+            }
             other => {
                 return Err(ConfigError::value(
                     "task",
@@ -113,6 +121,41 @@ impl EnvConfig {
             }
         }
         Ok(config)
+    }
+
+    /// The arm that one could build: slope-continuous links that are damped like a structure, wheels that lag and
+    /// fill up, sensors with errors, a payload grappled beside the axis; stiffness and damping are known
+    /// roughly.
+    fn make_flexible(&mut self) {
+        let scenario = &mut self.scenario;
+        scenario.plant = PlantModel::Consistent;
+        scenario.dynamics.damping_ratio = 0.005;
+        scenario.root_wheel.lag = 0.005;
+        scenario.tip_wheel.lag = 0.005;
+        scenario.root_wheel.momentum_limit = Some(2000.0);
+        scenario.tip_wheel.momentum_limit = Some(200.0);
+        // about what good encoders, gyroscopes and strain gauges give
+        scenario.sensors = Sensors {
+            angle_noise: 1e-5,
+            rate_noise: 1e-4,
+            deflection_noise: 1e-4,
+            deflection_rate_noise: 1e-3,
+            angle_resolution: 6e-6,
+            delay: 0.002,
+            ..Sensors::default()
+        };
+        let around = |value: f64, part: f64| {
+            Some(Distribution::Uniform([
+                value * (1.0 - part),
+                value * (1.0 + part),
+            ]))
+        };
+        let arm = &scenario.arm;
+        let drawn = &mut self.randomize;
+        drawn.payload_offset = Some(Distribution::Uniform([-0.05, 0.05]));
+        drawn.link1_bending_stiffness = around(arm.link1.bending_stiffness, 0.1);
+        drawn.link2_bending_stiffness = around(arm.link2.bending_stiffness, 0.1);
+        drawn.damping_ratio = around(scenario.dynamics.damping_ratio, 0.5);
     }
 
     /// A preset, overlaid with parts of a configuration and then with flat options; validated.

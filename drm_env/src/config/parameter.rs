@@ -210,6 +210,7 @@ scenario_parameters! {
     payload_length = payload.length, "m", "True payload length along the arm.";
     payload_width = payload.width, "m", "True payload width across the arm.";
     payload_inertia = payload.inertia, "-", "Payload inertia: full or slender.";
+    payload_offset = payload.offset, "m", "Distance of the payload's centre of mass from the axis.";
     mass_error = mass_error, "-", "Relative error of the reported payload mass.";
     reported_payload_mass = reported_payload.mass, "kg", "Reported payload mass.";
     reported_payload_length = reported_payload.length, "m", "Reported payload length.";
@@ -249,6 +250,7 @@ scenario_parameters! {
         "Quantum of the measured deflection rate.";
     sensor_delay = sensors.delay, "s", "Delay of the measured outputs.";
     structural_damping = dynamics.structural_damping, "s", "Kelvin-Voigt time constant.";
+    damping_ratio = dynamics.damping_ratio, "-", "Damping ratio of every mode of the consistent plant.";
     link1_length = arm.link1.length, "m", "Length of link 1.";
     link1_bending_stiffness = arm.link1.bending_stiffness, "N m^2", "Stiffness of link 1.";
     link1_mass_per_length = arm.link1.mass_per_length, "kg/m", "Mass per length of link 1.";

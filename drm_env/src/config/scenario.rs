@@ -251,10 +251,28 @@ impl Scenario {
             ));
         }
         match self.plant {
-            PlantModel::Thesis => self.validate_step(&payload),
+            PlantModel::Thesis => {
+                self.validate_on_axis()?;
+                self.validate_step(&payload)
+            }
             // implicit: stable with any step
             PlantModel::Consistent => self.validate_modes(),
         }
+    }
+
+    /// Refuses what the thesis' equations do not know.
+    fn validate_on_axis(&self) -> Result<(), ConfigError> {
+        let only_consistent = [
+            ("payload.offset", self.payload.offset),
+            ("dynamics.damping_ratio", self.dynamics.damping_ratio),
+        ];
+        for (path, value) in only_consistent {
+            if value != 0.0 {
+                let requirement = "must be 0 in the thesis' plant; plant = consistent has it";
+                return Err(ConfigError::value(path, requirement, value));
+            }
+        }
+        Ok(())
     }
 
     fn validate_modes(&self) -> Result<(), ConfigError> {
@@ -359,6 +377,7 @@ impl Scenario {
             ..Self::default()
         };
         common.dynamics.structural_damping = 0.0;
+        common.dynamics.damping_ratio = 0.0;
         common
     }
 

@@ -103,6 +103,7 @@ impl LyapunovLaw {
             slew_error_rate: measured.slew_error_rate,
             link2_deflection_rate: measured.link2_deflection_rate,
             started: T::splat(1.0),
+            servo: memory.servo,
         };
         WheelTorques {
             root: match self.root {

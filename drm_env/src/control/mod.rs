@@ -5,6 +5,7 @@ pub mod linear;
 pub mod lyapunov;
 pub mod mlp;
 pub mod scheduled;
+pub mod servo;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,12 +18,13 @@ use crate::simd::{Lane, laned};
 pub use linear::LinearLaw;
 pub use lyapunov::LyapunovLaw;
 pub use scheduled::ScheduledLaw;
+pub use servo::{ServoLaw, ServoMemory, ServoModel};
 
 /// Sampling period that the thesis' gains were chosen for (thesis section 4.1), s.
 pub const LAW_PERIOD: f64 = 2e-3;
 
 /// Numbers that a law remembers from one sample to the next, see [`LawMemory`].
-pub const MEMORY_SIZE: usize = 3;
+pub const MEMORY_SIZE: usize = 3 + servo::SERVO_MEMORY;
 
 /// No feedback: the open-loop manoeuvre.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -48,6 +50,10 @@ pub enum Law {
     /// the open loop.
     #[schemars(title = "ScheduledLaw")]
     Scheduled(ScheduledLaw),
+    /// Time-optimal servo for the whole arm on the balance of angular momentum, with modal damping (not in the
+    /// thesis).
+    #[schemars(title = "ServoLaw")]
+    Servo(ServoLaw),
 }
 
 impl Default for Law {
@@ -57,7 +63,7 @@ impl Default for Law {
 }
 
 /// Names of the laws, as in [`Law`]'s data form.
-pub const LAW_NAMES: [&str; 4] = ["none", "linear", "lyapunov", "scheduled"];
+pub const LAW_NAMES: [&str; 5] = ["none", "linear", "lyapunov", "scheduled", "servo"];
 
 impl Law {
     /// The law of this name with the thesis' gains; the scheduled law has none of its own.
@@ -70,6 +76,7 @@ impl Law {
             "linear" => Ok(Self::Linear(LinearLaw::default())),
             "lyapunov" => Ok(Self::Lyapunov(LyapunovLaw::default())),
             "scheduled" => Ok(Self::Scheduled(ScheduledLaw::default())),
+            "servo" => Ok(Self::Servo(ServoLaw::default())),
             other => Err(ConfigError::value(
                 "name",
                 format!("must be one of {}", LAW_NAMES.join(", ")),
@@ -85,6 +92,7 @@ impl Law {
             Self::Linear(_) => "linear",
             Self::Lyapunov(_) => "lyapunov",
             Self::Scheduled(_) => "scheduled",
+            Self::Servo(_) => "servo",
         }
     }
 
@@ -98,26 +106,44 @@ impl Law {
             Self::Linear(law) => law.validate(),
             Self::Lyapunov(law) => law.validate(),
             Self::Scheduled(law) => law.validate(),
+            Self::Servo(law) => law.validate(),
         }
     }
 
-    /// Wheel torques (N m, before saturation) of one sample, `period` seconds after the last.
+    /// Wheel torques (N m, before saturation) of one sample, `period` seconds after the last. A law that
+    /// [`Law::needs_model`] is off without `model`.
     #[inline(always)]
     pub fn torques<T: Lane>(
         &self,
         measured: &Measurement<T>,
         known: &KnownInertia<T>,
+        model: Option<&ServoModel<T>>,
         memory: &mut LawMemory<T>,
         period: f64,
     ) -> WheelTorques<T> {
+        let off = WheelTorques {
+            root: T::splat(0.0),
+            tip: T::splat(0.0),
+        };
         match self {
-            Self::None(_) => WheelTorques {
-                root: T::splat(0.0),
-                tip: T::splat(0.0),
-            },
+            Self::None(_) => off,
             Self::Linear(law) => law.torques(measured),
             Self::Lyapunov(law) => law.torques(measured, known, memory, period),
             Self::Scheduled(law) => law.torques(measured, known),
+            Self::Servo(law) => {
+                let Some(model) = model else { return off };
+                let started = memory.started;
+                memory.started = T::splat(1.0);
+                law.torques(measured, model, &mut memory.servo, started, period)
+            }
+        }
+    }
+
+    /// The servo, which wants a [`ServoModel`].
+    pub fn needs_model(&self) -> Option<&ServoLaw> {
+        match self {
+            Self::Servo(law) => Some(law),
+            _ => None,
         }
     }
 }
@@ -135,6 +161,18 @@ pub struct Measurement<T> {
     pub link2_deflection_rate: T,
     /// Extension of link 2, m.
     pub extension: T,
+    /// Its rate, m/s.
+    pub extension_rate: T,
+    /// Reference of the slew rate, rad/s, and of the acceleration, rad/s^2.
+    pub reference_rate: T,
+    /// See `reference_rate`.
+    pub reference_accel: T,
+    /// Torque of the slew motor at the last sample, N m.
+    pub slew_torque: T,
+    /// Momentum that the wheels have taken up, N m s.
+    pub root_momentum: T,
+    /// See `root_momentum`.
+    pub tip_momentum: T,
 }
 
 /// What a law keeps from one sample to the next.
@@ -146,12 +184,15 @@ pub struct LawMemory<T> {
     pub link2_deflection_rate: T,
     /// 1 once a sample has been taken, 0 before.
     pub started: T,
+    /// Of the servo.
+    pub servo: ServoMemory<T>,
 }
 
 laned!(LawMemory {
     slew_error_rate,
     link2_deflection_rate,
     started,
+    servo,
 });
 
 impl<T: Lane> LawMemory<T> {
@@ -161,6 +202,7 @@ impl<T: Lane> LawMemory<T> {
             slew_error_rate: T::splat(0.0),
             link2_deflection_rate: T::splat(0.0),
             started: T::splat(0.0),
+            servo: ServoMemory::fresh(),
         }
     }
 }

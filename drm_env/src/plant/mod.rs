@@ -51,6 +51,8 @@ pub struct Dynamics {
     /// Kelvin-Voigt time constant of the links' bending, s: a mode of angular frequency w gets the
     /// damping ratio w/2 times this. The thesis has none.
     pub structural_damping: f64,
+    /// Damping ratio of every natural mode of the arm as it is at each length, in the consistent plant.
+    pub damping_ratio: f64,
     /// Spectral radius at infinite frequency of the consistent plant's implicit integrator: 1 damps
     /// nothing, smaller values damp what the step cannot resolve.
     pub spectral_radius: f64,
@@ -63,18 +65,28 @@ impl Default for Dynamics {
             particle_following: false,
             tip_torque: TipTorque::SlewAndTip,
             structural_damping: 0.0,
+            damping_ratio: 0.0,
             spectral_radius: 0.8,
         }
     }
 }
 
 impl Dynamics {
-    /// Refuses a negative damping.
+    /// Refuses what no structure has.
     ///
     /// # Errors
-    /// A negative damping, a spectral radius outside 0 to 1.
+    /// A negative damping, a damping ratio of 1 or more, a spectral radius outside 0 to 1.
     pub fn validate(&self) -> Result<(), ConfigError> {
         non_negative("structural_damping", self.structural_damping)?;
+        non_negative("damping_ratio", self.damping_ratio)?;
+        if self.damping_ratio >= 1.0 {
+            let requirement = "must be below 1: the arm vibrates";
+            return Err(ConfigError::value(
+                "damping_ratio",
+                requirement,
+                self.damping_ratio,
+            ));
+        }
         GeneralizedAlpha::new(self.spectral_radius).map(|_| ())
     }
 }
@@ -138,6 +150,13 @@ impl RigidInertia<f64> {
 }
 
 laned!(RigidInertia { coefficients });
+
+impl RigidInertia<f64> {
+    /// c0, c1 and c2.
+    pub fn coefficients(&self) -> [f64; 3] {
+        self.coefficients
+    }
+}
 
 impl<T: Lane> RigidInertia<T> {
     /// I(a), kg m^2.

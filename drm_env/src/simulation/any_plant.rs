@@ -328,7 +328,11 @@ impl<T: Number> AnyPlant<T> {
             Self::Consistent(body) => {
                 size_of::<Consistent<T>>()
                     + size_of::<Seen<T>>()
-                    + body.plants.len() * size_of::<ConsistentPlant>()
+                    + body
+                        .plants
+                        .iter()
+                        .map(|plant| size_of::<ConsistentPlant>() + plant.bytes())
+                        .sum::<usize>()
             }
         }
     }

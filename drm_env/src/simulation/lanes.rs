@@ -31,6 +31,7 @@ impl<T: Number> Flight<T> {
             plain: true,
             ideal: true,
             still: false,
+            modelled: None,
         };
         flight.refresh_flags();
         if let (Some(measured), Some(single)) = (&mut flight.measured, &single.measured) {
@@ -58,6 +59,9 @@ impl<T: Number> Flight<T> {
         }
         self.manoeuvres[lane] = manoeuvre;
         self.fixed.put_lane(lane, &single.fixed);
+        if let Some(modelled) = &mut self.modelled {
+            modelled.forget(lane);
+        }
         self.body.put(lane, &single.body);
         self.clock.put_lane(lane, &single.clock);
         self.common.put_lane(lane, &single.common);
@@ -91,6 +95,7 @@ impl<T: Number> Flight<T> {
             plain: manoeuvre.lines.is_none(),
             ideal: manoeuvre.ideal_wheels,
             still: manoeuvre.is_still(),
+            modelled: None,
             manoeuvres: vec![manoeuvre],
         }
     }

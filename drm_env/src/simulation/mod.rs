@@ -8,6 +8,7 @@ pub(crate) mod controller;
 mod divergence;
 pub(crate) mod hook;
 mod lanes;
+mod law_model;
 mod manoeuvre;
 pub mod metrics;
 pub(crate) mod plan;
@@ -30,6 +31,8 @@ use crate::simd::Number;
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::{LaneConstants, SharedConstants};
+use crate::simulation::law_model::Modelled;
+pub use crate::simulation::law_model::servo_model;
 use crate::simulation::manoeuvre::Manoeuvre;
 use crate::simulation::metrics::Metrics;
 pub use crate::simulation::snapshot::FlightState;
@@ -68,6 +71,8 @@ pub struct Flight<T: Number = f64> {
     ideal: bool,
     /// Whether the length is fixed in every lane, in the present piece.
     still: bool,
+    /// The arm as a law that models it knows it; made when such a law first flies.
+    modelled: Option<Box<Modelled<T>>>,
 }
 
 impl<T: Number> Flight<T> {
@@ -172,6 +177,12 @@ impl<T: Number> Flight<T> {
             link2_deflection: deflection,
             link2_deflection_rate: deflection_rate,
             extension: self.clock.extension.length,
+            extension_rate: self.clock.extension.rate,
+            reference_rate: self.clock.reference.rate,
+            reference_accel: self.clock.reference.accel,
+            slew_torque: self.common.torques[0],
+            root_momentum: self.common.root.momentum,
+            tip_momentum: self.common.tip.momentum,
         }
     }
 
@@ -179,9 +190,13 @@ impl<T: Number> Flight<T> {
     #[inline(always)]
     pub fn law_torques(&mut self, law: &crate::control::Law) -> WheelTorques<T> {
         let measurement = self.measurement();
+        if let Some(servo) = law.needs_model() {
+            self.model_for(servo);
+        }
         law.torques(
             &measurement,
             &self.fixed.known,
+            self.modelled.as_ref().map(|modelled| &modelled.model),
             &mut self.common.memory,
             self.shared.sample_period,
         )

@@ -62,6 +62,7 @@ impl Flight<f64> {
             plain: true,
             ideal: true,
             still: false,
+            modelled: None,
             manoeuvres: vec![Manoeuvre {
                 scenario: ScenarioDelta::Whole(Box::new(plan.scenario)),
                 piece: index as u32,

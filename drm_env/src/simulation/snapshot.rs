@@ -100,6 +100,7 @@ impl Flight<f64> {
             slew_error_rate,
             link2_deflection_rate,
             started,
+            servo,
         } = *memory;
         let lines = &self.manoeuvres[0].lines;
         let [to_root, to_tip, seen] = lines
@@ -107,6 +108,7 @@ impl Flight<f64> {
             .map_or_else(Default::default, |lines| lines.numbers());
         let following = [
             &[slew_error_rate, link2_deflection_rate][..],
+            &servo.numbers(),
             &self.measured(),
             &seen,
         ];

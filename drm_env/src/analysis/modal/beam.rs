@@ -55,7 +55,7 @@ impl From<&PayloadProperties> for TipBody {
         Self {
             mass: payload.mass,
             offset: payload.length / 2.0,
-            inertia_centre: payload.inertia_centre,
+            inertia_centre: payload.inertia_on_axis(),
         }
     }
 }

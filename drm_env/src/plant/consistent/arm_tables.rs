@@ -16,6 +16,8 @@ use crate::math::quadrature::gauss_legendre;
 pub(super) const MOST: usize = (CAPACITY - 1) / 2;
 /// Entries of a symmetric matrix between the shapes of one link.
 pub(super) const PACKED: usize = MOST * (MOST + 1) / 2;
+/// Entries of a symmetric matrix between all elastic coordinates.
+pub(super) const MOST_ELASTIC: usize = (CAPACITY - 1) * CAPACITY / 2;
 /// Part of the arm's lengths by which the series reach beyond them.
 const MARGIN: f64 = 0.01;
 /// Arms that are kept for the flights to come.
@@ -39,7 +41,7 @@ pub(super) const fn below(row: usize, column: usize) -> usize {
 pub(super) struct Slots {
     /// Mass matrix.
     pub mass: usize,
-    /// Bending stiffness.
+    /// Bending stiffness of the part of link 2 inside link 1, per that of its section.
     pub bending: usize,
     /// Z: int rho W^T W less the centrifugal part of the axial load.
     pub turning: usize,
@@ -89,7 +91,7 @@ impl Slots {
     }
 }
 
-/// Equations of motion of one arm up to its payload: number of modes, shapes, axial load, and every
+/// Equations of motion of one arm up to its payload and the stiffness of its sections: number of modes, shapes, axial load, and every
 /// integral over the links. Flights of the same arm share one.
 #[derive(Debug, PartialEq)]
 pub struct ConsistentArm {
@@ -120,15 +122,16 @@ pub struct ConsistentArm {
     pub(super) stretch: [[f64; MOST]; MOST],
     /// rho (1 - u)^2 p_u^T p_u, packed.
     pub(super) slide: [f64; PACKED],
-    /// EI p_uu^T p_uu, packed.
+    /// p_uu^T p_uu, packed.
     pub(super) stiff: [f64; PACKED],
     /// With the axial load, zero without: rho (1 - u) p_u^T p_u, rho u (1 - u) p_u^T p_u and
     /// p_u^T p_u, packed.
     pub(super) pull: [f64; PACKED],
     pub(super) pull_moment: [f64; PACKED],
     pub(super) slope: [f64; PACKED],
-    /// int w_x^2 over link 1, packed.
+    /// int w_x^2 over link 1, and int w_xx^2, packed.
     pub(super) slope1: [f64; PACKED],
+    pub(super) stiff1: [f64; PACKED],
     /// Coordinates of both links' cantilever deflection under a force at the end, 2 at the end.
     pub(super) cantilever: Row,
 }
@@ -171,12 +174,15 @@ impl ConsistentArm {
         kinematics: Kinematics,
         axial_load: bool,
     ) -> Arc<Self> {
-        let key = Key {
+        let mut key = Key {
             arm: *arm,
             modes,
             kinematics,
             axial_load,
         };
+        // the sections' stiffness is the lane's
+        key.arm.link1.bending_stiffness = 1.0;
+        key.arm.link2.bending_stiffness = 1.0;
         let find = |arms: &mut Vec<Arc<Self>>| {
             let place = arms.iter().rposition(|arm| arm.key == key)?;
             if place + 1 != arms.len() {
@@ -217,7 +223,7 @@ impl ConsistentArm {
         } = key;
         let field = Field::new(&arm, kinematics.shapes, key.modes, kinematics.slope_turning);
         let load = if axial_load { 1.0 } else { 0.0 };
-        let (density, stiffness) = (arm.link2.mass_per_length, arm.link2.bending_stiffness);
+        let density = arm.link2.mass_per_length;
         let turning = if kinematics.slope_turning { 1.0 } else { 0.0 };
         let mut made = Self {
             key,
@@ -264,6 +270,7 @@ impl ConsistentArm {
             pull_moment: [0.0; PACKED],
             slope: [0.0; PACKED],
             slope1: [0.0; PACKED],
+            stiff1: [0.0; PACKED],
             cantilever: [0.0; CAPACITY],
             field,
         };
@@ -282,7 +289,7 @@ impl ConsistentArm {
                     let at = packed(j, k);
                     made.gram[at] += dm * p[0] * r[0];
                     made.slide[at] += dm * rest * rest * p[1] * r[1];
-                    made.stiff[at] += stiffness * du * p[2] * r[2];
+                    made.stiff[at] += du * p[2] * r[2];
                     made.pull[at] += load * dm * rest * p[1] * r[1];
                     made.pull_moment[at] += load * dm * u * rest * p[1] * r[1];
                     made.slope[at] += load * du * p[1] * r[1];
@@ -296,6 +303,7 @@ impl ConsistentArm {
             for (j, p) in shapes.iter().enumerate() {
                 for (k, r) in shapes.iter().enumerate().take(j + 1) {
                     made.slope1[packed(j, k)] += du / length * p[1] * r[1];
+                    made.stiff1[packed(j, k)] += du / length.powi(3) * p[2] * r[2];
                 }
             }
         }
@@ -350,7 +358,7 @@ fn tabulate(field: &Field, load: f64) -> Table {
     let both: Part = &|s| &s.offset + &s.centrifugal * load;
     let symmetric: [(usize, Part, Option<Part>); 5] = [
         (slots.mass, &|s| s.mass.clone(), None),
-        (slots.bending, &|s| s.bending.clone(), None),
+        (slots.bending, &|s| s.bending[1].clone(), None),
         (
             slots.turning,
             &|s| &s.offset - &s.centrifugal * load,

@@ -204,8 +204,8 @@ pub(super) struct Integrals {
     pub offset_line: Row,
     /// int rho D over what moves out.
     pub drift_line: Row,
-    /// Bending stiffness.
-    pub bending: DMatrix<f64>,
+    /// Bending stiffness per that of link 1's and link 2's section, 1/m^3.
+    pub bending: [DMatrix<f64>; 2],
     /// int P w_x^2 per square of the slew rate.
     pub centrifugal: DMatrix<f64>,
     /// int P w_x^2 per negative acceleration of the extension.
@@ -226,7 +226,7 @@ impl Integrals {
             offset: zero(),
             offset_line: [0.0; CAPACITY],
             drift_line: [0.0; CAPACITY],
-            bending: zero(),
+            bending: [zero(), zero()],
             centrifugal: zero(),
             thrust: zero(),
             shortening: zero(),
@@ -253,12 +253,7 @@ impl Integrals {
         over(0.0, one.length, &mut |sums, xi, dx| {
             let place = field.inside(xi);
             sums.stay(xi, one.mass_per_length * dx, &place.deflection);
-            add(
-                &mut sums.bending,
-                one.bending_stiffness * dx,
-                &place.curvature,
-                &place.curvature,
-            );
+            add(&mut sums.bending[0], dx, &place.curvature, &place.curvature);
             let tension = one.mass_per_length * (one.length * one.length - xi * xi) / 2.0;
             add(
                 &mut sums.centrifugal,
@@ -274,12 +269,7 @@ impl Integrals {
                 &place.deflection,
                 &place.drift,
             );
-            add(
-                &mut sums.bending,
-                two.bending_stiffness * dx,
-                &place.curvature,
-                &place.curvature,
-            );
+            add(&mut sums.bending[1], dx, &place.curvature, &place.curvature);
             let [turning, pushing] = pull(xi);
             add(
                 &mut sums.centrifugal,
@@ -320,7 +310,7 @@ impl Integrals {
         add(&mut sums.thrust, near, &tip.slope, &tip.slope);
         let mut turn = tip.slope;
         turn[0] = 1.0;
-        let inertia = payload.inertia_centre;
+        let inertia = payload.inertia_on_axis();
         add(&mut sums.mass, inertia, &turn, &turn);
         add(&mut sums.drift, inertia, &turn, &tip.slope_drift);
         add(
@@ -330,6 +320,11 @@ impl Integrals {
             &tip.slope_drift,
         );
         sums
+    }
+
+    /// Kb of links with these sections, N m^2.
+    pub fn stiffness(&self, sections: [f64; 2]) -> DMatrix<f64> {
+        &self.bending[0] * sections[0] + &self.bending[1] * sections[1]
     }
 
     /// A mass (kg) at xi that turns with the arm.

@@ -52,6 +52,12 @@
 //! Without the axial load nothing draws near: P0 and P2 are zero, and what turns is theta'.
 //! Damping acts on the rates of the coordinates.
 //!
+//! A payload whose centre of mass is off the arm's axis by h (positive where w is) turns with the tip: with t
+//! the row of the tip's turn and b that of the centre's deflection, X its distance from the shoulder,
+//! it moves along the arm by -h t q. That adds Mp h^2 t^T t to M, the force Mp h a'' t on the right, and
+//! 2 l q, l = Mp h (b - X t), to what turns, z, whose pull bends the arm by omega^2 l. Terms of second order
+//! in the deflection that are proportional to h are left out.
+//!
 //! What depends on the arm alone is made once and shared by all flights of that arm: integrals between
 //! the shapes of link 1 as Chebyshev series over all lengths, exact to rounding, and constants of
 //! link 2's shapes. The payload, closed forms of the length and the rest follow in the step, which is
@@ -60,6 +66,7 @@
 mod arm_tables;
 mod chebyshev;
 mod displacement;
+mod modal_damping;
 mod step;
 mod terms;
 #[cfg(test)]
@@ -80,8 +87,9 @@ pub use arm_tables::ConsistentArm;
 pub use displacement::CAPACITY;
 pub use step::{ConsistentLanes, ConsistentOutputs, ConsistentState};
 
-use arm_tables::{MOST, PACKED, Slots};
+use arm_tables::{MOST, MOST_ELASTIC, PACKED, Slots};
 use displacement::{Field, Integrals, Row};
+use modal_damping::ModalDamping;
 use terms::{Payload, Terms, Weights};
 
 /// Part of a length by which a plant may be asked beyond its extensions.
@@ -116,6 +124,18 @@ pub struct ConsistentMatrices {
     pub velocity: DMatrix<f64>,
     /// Stiffness K: bending, deployment, axial load and turning.
     pub stiffness: DMatrix<f64>,
+}
+
+/// The lowest modes at one length, and what an angular acceleration of the arm as a whole bends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LowModes<const N: usize> {
+    /// Of each mode of unit modal mass the angular frequency (rad/s) and the turn of the shoulder's tangent and
+    /// of the tip; those of the tangent are positive. Zero where there are no more modes.
+    pub modes: [[f64; 3]; N],
+    /// Turn of the shoulder's tangent against the arm as a whole per angular acceleration, s^2.
+    pub tilt: f64,
+    /// Way of the tip from the arm as a whole per angular acceleration, m s^2.
+    pub tip: f64,
 }
 
 /// Equations of motion of the slope-continuous arm for one payload.
@@ -175,12 +195,13 @@ impl ConsistentPlant {
         arm.validate_extension("extension_range", extension_range.0)?;
         arm.validate_extension("extension_range", extension_range.1)?;
         let range = (low * (1.0 - MARGIN), high * (1.0 + MARGIN));
+        let stiffness = [arm.link1.bending_stiffness, arm.link2.bending_stiffness];
         let arm = ConsistentArm::shared(arm, modes, kinematics, dynamics.axial_load);
         let whole = match dynamics.tip_torque {
             TipTorque::SlewAndTip => 1.0,
             TipTorque::TipOnly => 0.0,
         };
-        Ok(Self {
+        let mut plant = Self {
             payload: *payload,
             dynamics: *dynamics,
             lanes: ConsistentLanes {
@@ -188,13 +209,50 @@ impl ConsistentPlant {
                 payload: Payload {
                     mass: payload.mass,
                     lever: payload.length / 2.0,
-                    inertia: payload.inertia_centre,
+                    inertia: payload.inertia_on_axis(),
+                    offset: payload.offset,
+                    stiffness,
                     damping: dynamics.structural_damping,
                     whole,
                 },
+                modal: Vec::new(),
             },
             range,
-        })
+        };
+        if dynamics.damping_ratio > 0.0 {
+            let damping = ModalDamping::new(range, dynamics.damping_ratio, |a| {
+                let terms = plant.terms(a);
+                (
+                    plant.matrix(&terms, Weights::MASS),
+                    plant.matrix(&terms, Weights::BENDING),
+                )
+            });
+            let singular =
+                || ConfigError::value("payload.mass", "gives a singular mass matrix", payload.mass);
+            plant.lanes.modal = vec![Some(Arc::new(damping.ok_or_else(singular)?))];
+        }
+        Ok(plant)
+    }
+
+    /// One of the matrices at rest.
+    fn matrix(
+        &self,
+        terms: &Terms<'_, f64, CAPACITY, { Slots::new(MOST).count }, PACKED>,
+        weights: Weights<f64>,
+    ) -> DMatrix<f64> {
+        let mut out = [[0.0; CAPACITY]; CAPACITY];
+        terms.sum(&weights, &terms.stiffness(0.0, 0.0, 0.0), &mut out);
+        DMatrix::from_fn(self.size(), self.size(), |i, j| out[i][j])
+    }
+
+    /// Memory of what belongs to this payload alone beside the plant itself, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.lanes
+            .modal
+            .iter()
+            .flatten()
+            .map(|damping| damping.bytes())
+            .sum()
     }
 
     /// What the equations share with those of other payloads at the same arm.
@@ -242,29 +300,32 @@ impl ConsistentPlant {
         let terms = self.terms(a);
         let (ad, add) = (extension.rate, extension.accel);
         let damping = self.dynamics.structural_damping;
-        let none = Weights {
-            mass: 0.0,
-            bending: 0.0,
-            drift: 0.0,
-            stiffness: 0.0,
-            column: 0.0,
-            growth: 0.0,
-        };
+        let none = Weights::NONE;
         let sum = |weights: Weights<f64>| {
             let stiffness = terms.stiffness(-(slew_rate * slew_rate), -add, ad * ad);
             let mut out = [[0.0; CAPACITY]; CAPACITY];
             terms.sum(&weights, &stiffness, &mut out);
             DMatrix::from_fn(size, size, |i, j| out[i][j])
         };
+        let mut velocity = sum(Weights {
+            bending: damping,
+            drift: 2.0 * ad,
+            column: 2.0 * ad,
+            growth: ad,
+            ..none
+        });
+        if let Some(Some(modal)) = self.lanes.modal.first() {
+            let mut damping = [0.0; MOST_ELASTIC];
+            modal.at(a, &mut damping);
+            for i in 1..size {
+                for k in 1..size {
+                    velocity[(i, k)] += damping[modal_damping::place(i - 1, k - 1)];
+                }
+            }
+        }
         Ok(ConsistentMatrices {
-            mass: sum(Weights { mass: 1.0, ..none }),
-            velocity: sum(Weights {
-                bending: damping,
-                drift: 2.0 * ad,
-                column: 2.0 * ad,
-                growth: ad,
-                ..none
-            }),
+            mass: sum(Weights::MASS),
+            velocity,
             stiffness: sum(Weights {
                 bending: 1.0,
                 drift: add,
@@ -294,16 +355,19 @@ impl ConsistentPlant {
         let form = |m: &DMatrix<f64>, x: &DVector<f64>, y: &DVector<f64>| x.dot(&(m * y));
         let load = if self.dynamics.axial_load { 1.0 } else { 0.0 };
         let line = self.value(&sums.offset_line, &state.q);
+        let (moment, lever) = self.off_axis(state, extension);
+        let turn_rate = rate + self.tip_slope(state, extension).1;
         Energy {
             kinetic: 0.5 * form(&sums.mass, &v, &v)
                 + ad * form(&sums.drift, &v, &q)
                 + 0.5 * ad * ad * form(&sums.drift_square, &q, &q)
-                - ad * rate * line
+                - ad * (rate * line + moment * turn_rate)
                 + 0.5
                     * whole
                     * whole
-                    * (form(&sums.offset, &q, &q) - load * form(&sums.centrifugal, &q, &q)),
-            potential: 0.5 * form(&sums.bending, &q, &q)
+                    * (form(&sums.offset, &q, &q) - load * form(&sums.centrifugal, &q, &q)
+                        + 2.0 * lever),
+            potential: 0.5 * form(&sums.stiffness(self.lanes.payload.stiffness), &q, &q)
                 - 0.5 * load * extension.accel * form(&sums.thrust, &q, &q),
         }
     }
@@ -314,10 +378,23 @@ impl ConsistentPlant {
         let (q, v) = self.columns(state);
         let load = if self.dynamics.axial_load { 1.0 } else { 0.0 };
         let turning = &sums.offset - &sums.centrifugal * load;
+        let (moment, lever) = self.off_axis(state, extension);
         sums.mass.row(0).transpose().dot(&v)
             + extension.rate
-                * (sums.drift.row(0).transpose().dot(&q) - self.value(&sums.offset_line, &state.q))
-            + self.whole_rate(state, extension.length) * q.dot(&(turning * &q))
+                * (sums.drift.row(0).transpose().dot(&q)
+                    - self.value(&sums.offset_line, &state.q)
+                    - moment)
+            + self.whole_rate(state, extension.length) * (q.dot(&(turning * &q)) + 2.0 * lever)
+    }
+
+    /// Mass times distance from the axis of a payload off it, kg m, and l q of the equations, kg m^2.
+    fn off_axis(&self, state: &ConsistentState, extension: &Extension<f64>) -> (f64, f64) {
+        let moment = self.payload.mass * self.payload.offset;
+        let lever = self.lanes.payload.lever;
+        let centre = self.field().arm.link1.length + extension.length + lever;
+        let (deflection, _) = self.tip_deflection(state, extension);
+        let (slope, _) = self.tip_slope(state, extension);
+        (moment, moment * (deflection + (lever - centre) * slope))
     }
 
     /// Rate at which the arm turns as a whole, rad/s: with the axial load the angular momentum of the
@@ -343,7 +420,8 @@ impl ConsistentPlant {
         let coupling = sums.mass.view((1, 0), (elastic, 1)).into_owned();
         let mass = sums.mass.view((1, 1), (elastic, elastic))
             - &coupling * coupling.transpose() / sums.mass[(0, 0)];
-        let stiffness = sums.bending.view((1, 1), (elastic, elastic)).into_owned();
+        let stiffness = sums.stiffness(self.lanes.payload.stiffness);
+        let stiffness = stiffness.view((1, 1), (elastic, elastic)).into_owned();
         let singular = || ConfigError::value("extension", "gives a singular mass matrix", a);
         let root = mass.cholesky().ok_or_else(singular)?.l();
         let half = root
@@ -358,6 +436,40 @@ impl ConsistentPlant {
             .into_iter()
             .map(|square| libm::sqrt(square.max(0.0)))
             .collect())
+    }
+
+    /// The lowest modes at the extension `a` (m), and how a steady angular acceleration bends the arm.
+    ///
+    /// # Errors
+    /// An extension outside the arm.
+    pub fn low_modes<const N: usize>(&self, a: f64) -> Result<LowModes<N>, ConfigError> {
+        self.field().arm.validate_extension("extension", a)?;
+        let singular = || ConfigError::value("extension", "gives a singular mass matrix", a);
+        let terms = self.terms(a);
+        let mass = self.matrix(&terms, Weights::MASS);
+        let stiffness = self.matrix(&terms, Weights::BENDING);
+        let elastic = self.size() - 1;
+        let inertia = mass[(0, 0)];
+        let coupling = mass.view((1, 0), (elastic, 1)).into_owned();
+        let found = modal_damping::modes(&mass, &stiffness).ok_or_else(singular)?;
+        let tip = self.field().tip(a);
+        let row = |of: &Row| DVector::from_column_slice(&of[1..=elastic]);
+        let (deflection, slope) = (row(&tip.deflection), row(&tip.slope));
+        let mut modes = [[0.0; 3]; N];
+        for ((frequency, shape), mode) in found.iter().zip(&mut modes) {
+            let root = -coupling.dot(shape) / inertia;
+            let sign = root.signum();
+            *mode = [*frequency, sign * root, sign * (root + slope.dot(shape))];
+        }
+        let own = stiffness.view((1, 1), (elastic, elastic)).into_owned();
+        let bent = own.lu().solve(&-&coupling).ok_or_else(singular)?;
+        let tilt = -coupling.dot(&bent) / inertia;
+        let reach = self.field().arm.link1.length + a;
+        Ok(LowModes {
+            modes,
+            tilt,
+            tip: deflection.dot(&bent.column(0)) + reach * tilt,
+        })
     }
 
     /// State with link 1 and link 2 bent like cantilevers under a force at their ends, the first

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::ConsistentPlant;
-use super::arm_tables::{ConsistentArm, PACKED, Slots};
+use super::arm_tables::{ConsistentArm, MOST_ELASTIC, PACKED, Slots};
 use super::displacement::CAPACITY;
+use super::modal_damping::{ModalDamping, place};
 use super::terms::{Payload, Spin, Stiffness, Terms, Turned, Weights};
 use crate::math::generalized_alpha::{Equations, GeneralizedAlpha, Jump, Motion};
 use crate::plant::Torques;
@@ -144,6 +145,8 @@ pub struct ConsistentOutputs<T> {
 pub struct ConsistentLanes<T> {
     pub(super) arm: Arc<ConsistentArm>,
     pub(super) payload: Payload<T>,
+    /// Damping by a ratio, a lane an entry; empty where no lane has it.
+    pub(super) modal: Vec<Option<Arc<ModalDamping>>>,
 }
 
 impl<T: Lane> ConsistentLanes<T> {
@@ -153,6 +156,8 @@ impl<T: Lane> ConsistentLanes<T> {
             mass,
             lever,
             inertia,
+            offset,
+            stiffness,
             damping,
             whole,
         } = plant.lanes.payload;
@@ -162,8 +167,14 @@ impl<T: Lane> ConsistentLanes<T> {
                 mass: T::splat(mass),
                 lever: T::splat(lever),
                 inertia: T::splat(inertia),
+                offset: T::splat(offset),
+                stiffness: stiffness.map(T::splat),
                 damping: T::splat(damping),
                 whole: T::splat(whole),
+            },
+            modal: match plant.lanes.modal.first() {
+                Some(damping) => vec![damping.clone(); T::WIDTH],
+                None => Vec::new(),
             },
         }
     }
@@ -184,8 +195,22 @@ impl<T: Lane> ConsistentLanes<T> {
         all.mass.set_lane(index, one.mass);
         all.lever.set_lane(index, one.lever);
         all.inertia.set_lane(index, one.inertia);
+        all.offset.set_lane(index, one.offset);
+        for (all, one) in all.stiffness.iter_mut().zip(one.stiffness) {
+            all.set_lane(index, one);
+        }
         all.damping.set_lane(index, one.damping);
         all.whole.set_lane(index, one.whole);
+        let damping = plant.lanes.modal.first().cloned().flatten();
+        if damping.is_some() && self.modal.is_empty() {
+            self.modal = vec![None; T::WIDTH];
+        }
+        if let Some(place) = self.modal.get_mut(index) {
+            *place = damping;
+        }
+        if self.modal.iter().all(Option::is_none) {
+            self.modal.clear();
+        }
         true
     }
 
@@ -254,6 +279,26 @@ impl<T: Lane> ConsistentLanes<T> {
         }
     }
 
+    /// The damping by a ratio at a length; none where no lane has it.
+    #[inline(always)]
+    fn modal_damping<const N: usize>(&self, length: T, size: usize) -> Option<[[T; N]; N]> {
+        if self.modal.is_empty() {
+            return None;
+        }
+        let mut all = [[T::splat(0.0); N]; N];
+        let mut one = [0.0; MOST_ELASTIC];
+        for (lane, damping) in self.modal.iter().enumerate() {
+            let Some(damping) = damping else { continue };
+            damping.at(length.lane(lane), &mut one);
+            for i in 1..size {
+                for j in 1..size {
+                    all[i][j].set_lane(lane, one[place(i - 1, j - 1)]);
+                }
+            }
+        }
+        Some(all)
+    }
+
     #[inline(always)]
     fn step_of<const N: usize, const S: usize, const P: usize>(
         &self,
@@ -295,13 +340,22 @@ impl<T: Lane> ConsistentLanes<T> {
             end.slew + end.root,
         );
         let tip = mean(begin.tip, middle.tip, end.tip);
+        let modal = self.modal_damping::<N>(extension.length, size);
         // the terms with the whole arm's rate as at the beginning; what they miss is corrected
         let stiffness = terms.stiffness(-square, -accel, rate * rate);
+        let off_axis = any(self.payload.offset);
+        let driven = |mut force: [T; N], square: T, accel: T| {
+            if off_axis {
+                terms.add_lever(square, accel, &mut force);
+            }
+            force
+        };
         let balance = Balance {
             terms: &terms,
             stiffness: &stiffness,
-            force: terms.force(slew, tip),
+            force: driven(terms.force(slew, tip), square, accel),
             damping: self.payload.damping,
+            modal: modal.as_ref(),
             position: T::splat(1.0),
             rate,
             accel,
@@ -325,11 +379,16 @@ impl<T: Lane> ConsistentLanes<T> {
             let changed = Balance {
                 terms: &terms,
                 stiffness: &stiffness,
-                force: terms.force(
-                    new_slew.where_set(started, slew),
-                    new_tip.where_set(started, tip),
+                force: driven(
+                    terms.force(
+                        new_slew.where_set(started, slew),
+                        new_tip.where_set(started, tip),
+                    ),
+                    zero.where_set(started, square),
+                    change.where_set(started, accel),
                 ),
                 damping: self.payload.damping,
+                modal: modal.as_ref(),
                 position: start,
                 rate: zero.where_set(started, rate),
                 accel: change.where_set(started, accel),
@@ -386,6 +445,8 @@ struct Balance<'a, T, const N: usize, const S: usize, const P: usize> {
     stiffness: &'a Stiffness<T, P>,
     force: [T; N],
     damping: T,
+    /// Damping by a ratio between the elastic coordinates, those from the second on.
+    modal: Option<&'a [[T; N]; N]>,
     /// What the bending of the position counts: 1, or 0 in a change.
     position: T,
     /// Of the extension.
@@ -418,6 +479,13 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
             growth: velocity * self.rate,
         };
         self.terms.sum(&weights, self.stiffness, out);
+        if let Some(modal) = self.modal {
+            for i in 1..self.size() {
+                for j in 1..self.size() {
+                    out[i][j] = velocity.mul_add(modal[i][j], out[i][j]);
+                }
+            }
+        }
         // z g^T g q'' + 2 omega g^T (Z q)^T q' + a' [dz/da g^T g + z (g^T dg/da + dg/da^T g)] q'
         let (turned, spin, size) = (self.turned, self.spin, self.size());
         let of_spin = mass.mul_add(turned.inertia, weights.growth * turned.growth);
@@ -460,6 +528,13 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
             .terms
             .product(self.stiffness, &bent, &drifting, q, column);
         rest[0] = (self.rate * self.terms.rigid_growth()).mul_add(v[0], rest[0]);
+        if let Some(modal) = self.modal {
+            for i in 1..size {
+                for j in 1..size {
+                    rest[i] = modal[i][j].mul_add(v[j], rest[i]);
+                }
+            }
+        }
         let (turned, spin) = (self.turned, self.spin);
         let [turns, drifts] = spin.of(v);
         let growing = turned.growth.mul_add(turns, turned.inertia * drifts);

@@ -29,8 +29,12 @@ pub(super) struct Payload<T> {
     pub mass: T,
     /// Distance of the centre from the tip, m.
     pub lever: T,
-    /// Moment of inertia about the centre, kg m^2.
+    /// Moment of inertia about the point of the axis beside the centre, kg m^2.
     pub inertia: T,
+    /// Distance of the centre from the axis, m.
+    pub offset: T,
+    /// Bending stiffness of the links' sections, N m^2.
+    pub stiffness: [T; 2],
     /// Time constant of the structural damping, s.
     pub damping: T,
     /// 1 where the tip wheel works on the tip's whole turn, 0 where on link 2's slope alone.
@@ -52,6 +56,28 @@ pub(super) struct Weights<T> {
     pub column: T,
     /// dM/da in the entry of the slew angle.
     pub growth: T,
+}
+
+impl Weights<f64> {
+    /// Of nothing.
+    pub const NONE: Self = Self {
+        mass: 0.0,
+        bending: 0.0,
+        drift: 0.0,
+        stiffness: 0.0,
+        column: 0.0,
+        growth: 0.0,
+    };
+    /// Of M.
+    pub const MASS: Self = Self {
+        mass: 1.0,
+        ..Self::NONE
+    };
+    /// Of Kb.
+    pub const BENDING: Self = Self {
+        bending: 1.0,
+        ..Self::NONE
+    };
 }
 
 /// A sum of those matrices that act on the deflections alone.
@@ -228,6 +254,9 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
                 let e = packed(i, k);
                 let own = plus(arm.slope1[e], pull1, values[slots.turning + e]);
                 values[slots.turning + e] = plus(arm.turn[i] * arm.turn[k], pull2, own);
+                let [stiff1, stiff2] = payload.stiffness;
+                let inside = stiff2 * values[slots.bending + e];
+                values[slots.bending + e] = plus(arm.stiff1[e], stiff1, inside);
             }
         }
         let (root, tip) = (length * 0.5 + arm.lengths[0], length * 0.5);
@@ -358,6 +387,16 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         for i in 1..=n + m {
             inertia = force[i].mul_add(q[i], inertia);
         }
+        let off_axis = load.offset.bits() != 0;
+        if off_axis {
+            let [row, _] = self.lever();
+            let mut lever = T::splat(0.0);
+            for i in 1..=n + m {
+                lever = row[i].mul_add(q[i], lever);
+                force[i] = force[i] + row[i];
+            }
+            inertia = inertia + (lever + lever);
+        }
         let growth = if self.moving {
             let l1 = arm.lengths[0];
             let out = a.mul_add(turn, end);
@@ -401,7 +440,17 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
                 let fixed = arm.gram[e] - 0.5 * (arm.pull[e] + arm.pull_moment[e]);
                 *own = plus(arm.slope[e], -whole, T::splat(fixed));
             }
-            growing - pulled - bound - bound + form(&own, r)
+            let growth = growing - pulled - bound - bound + form(&own, r);
+            if off_axis {
+                let [_, row] = self.lever();
+                let mut lever = T::splat(0.0);
+                for i in 1..=n + m {
+                    lever = row[i].mul_add(q[i], lever);
+                }
+                growth + (lever + lever)
+            } else {
+                growth
+            }
         } else {
             T::splat(0.0)
         };
@@ -410,6 +459,32 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             inertia,
             growth,
         }
+    }
+
+    /// l, half of what a deflection adds to the inertia of a payload off the axis, and its change per unit of
+    /// extension.
+    #[inline(always)]
+    pub fn lever(&self) -> [[T; N]; 2] {
+        let (n, m) = self.modes;
+        let (arm, load) = (self.arm, &self.payload);
+        let moment = load.mass * load.offset;
+        let zero = T::splat(0.0);
+        let (mut row, mut growth) = ([zero; N], [zero; N]);
+        for i in 0..n {
+            let (end, turn) = (arm.end[i], arm.turn[i]);
+            let centre = plus(turn, self.arm_out, T::splat(end));
+            // the change of b less that of X t: t does not change
+            row[1 + i] = moment * plus(-turn, self.centre, centre);
+        }
+        for j in 0..m {
+            let (tip, slope) = (arm.tip[j], arm.tip_slope[j]);
+            let centre = plus(slope, self.lever_part, T::splat(tip));
+            row[1 + n + j] = moment * plus(-slope, self.centre * self.shrink, centre);
+            let nearer = (self.centre * self.shrink - 1.0) * self.shrink;
+            let turned = nearer - self.lever_part * self.shrink;
+            growth[1 + n + j] = moment * (turned * slope);
+        }
+        [row, growth]
     }
 
     /// The sum of K-like matrices with these weights of Z, of P0 and of dG/da - H.
@@ -567,7 +642,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             }
         }
         let of_gram = mass.mul_add(a, drift * 0.5);
-        let of_stiff = bending * self.shrink * self.shrink2;
+        let of_stiff = bending * self.shrink * self.shrink2 * load.stiffness[1];
         for j in 0..m {
             for k in 0..m {
                 let e = if k <= j { packed(j, k) } else { packed(k, j) };
@@ -733,7 +808,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         }
         add_product(&stiffness.link1, p, &mut sum[1..1 + n]);
         add_product(&values[slots.bending..], p_bent, &mut sum[1..1 + n]);
-        let stiff = self.shrink * self.shrink2;
+        let stiff = self.shrink * self.shrink2 * load.stiffness[1];
         for j in 0..m {
             let own = plus(arm.plain[j], of_plain, of_moment * arm.moment[j]);
             let own = plus(arm.tip[j], of_tip, own);
@@ -759,6 +834,32 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
     #[inline(always)]
     pub fn rigid_growth(&self) -> T {
         self.rigid().1
+    }
+
+    /// Adds what a payload off the axis gives: the pull of an arm that turns at the square root of `square`, and
+    /// the push of the extension's acceleration.
+    #[inline(always)]
+    pub fn add_lever(&self, square: T, accel: T, force: &mut [T; N]) {
+        let (n, m) = self.modes;
+        let load = &self.payload;
+        let [row, _] = self.lever();
+        let push = load.mass * load.offset * accel;
+        force[0] = force[0] + push;
+        for i in 0..n {
+            force[1 + i] = plus(
+                self.arm.turn[i],
+                push,
+                square.mul_add(row[1 + i], force[1 + i]),
+            );
+        }
+        for j in 0..m {
+            let (at, slope) = (1 + n + j, self.arm.tip_slope[j]);
+            force[at] = plus(
+                slope,
+                push * self.shrink,
+                square.mul_add(row[at], force[at]),
+            );
+        }
     }
 
     /// Generalised force of torques on the slew angle and on the tip.
@@ -824,6 +925,8 @@ mod tests {
             .expect("the plant exists");
             let field = Field::new(&Arm::default(), family, modes, true);
             let size = field.size();
+            let sections =
+                [Arm::default().link1, Arm::default().link2].map(|link| link.bending_stiffness);
             let slope = |f: &dyn Fn(&Integrals) -> DMatrix<f64>, a: f64| {
                 let h = 1e-4;
                 (f(&Integrals::new(&field, &payload, a + h))
@@ -870,7 +973,7 @@ mod tests {
                 };
                 [
                     same(read(mass, 0.0, 0.0), sums.mass.clone()),
-                    same(read(bending, 0.0, 0.0), sums.bending.clone()),
+                    same(read(bending, 0.0, 0.0), sums.stiffness(sections)),
                     same(read(stiffness, 1.0, 0.0), turning(&sums)),
                     same(growth, slope(&turning, a)),
                     (

@@ -1,0 +1,47 @@
+"""Stability maps as a picture: growth rate over length and payload, a panel a law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from drm_baselines.stability.closed_loop import STABLE, StabilityMap
+from drm_baselines.support.figures import save_figure, subplots
+
+_SHOWN = 30.0
+"""Largest growth rate that a colour shows, 1/s."""
+
+
+def plot_stability(maps: Sequence[StabilityMap], path: Path, *, overwrite: bool = False) -> Path:
+    """Draw the maps beside each other; return ``path``.
+
+    Colours run from blue (dies away) over white to red (grows), by the growth rate on a scale that is linear up to
+    0.1 1/s; an unstable cell has a cross, too.
+    """
+    from matplotlib.colors import SymLogNorm
+
+    figure, axes = subplots(1, len(maps), size=(3.2 * len(maps) + 1.4, 3.6), sharey=True)
+    norm = SymLogNorm(0.1, vmin=-_SHOWN, vmax=_SHOWN)
+    for axis, found in zip(axes[0], maps, strict=True):
+        columns, rows = np.arange(len(found.extensions)), np.arange(len(found.masses))
+        mesh = axis.pcolormesh(
+            columns,
+            rows,
+            np.nan_to_num(found.rates, posinf=_SHOWN),
+            norm=norm,
+            cmap="RdBu_r",
+            shading="nearest",
+        )
+        unstable = np.argwhere(found.rates >= STABLE)
+        axis.plot(unstable[:, 1], unstable[:, 0], "x", color="black", markersize=4.0)
+        axis.set_xticks(columns, [f"{a:g}" for a in found.extensions], fontsize="small")
+        axis.set_yticks(rows, [f"{mass:g}" for mass in found.masses], fontsize="small")
+        axis.set_xlabel("extension (m)")
+        axis.set_title(f"{found.title}: {'stable' if found.stable else 'unstable at x'}", fontsize=9)
+    axes[0, 0].set_ylabel("payload (kg)")
+    bar = figure.colorbar(mesh, ax=list(axes[0]))
+    bar.set_label("growth rate of the worst motion (1/s)")
+    bar.set_ticks([-10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0], labels=["-10", "-1", "-0.1", "0", "0.1", "1", "10"])
+    return save_figure(figure, path, overwrite=overwrite)
