@@ -50,7 +50,7 @@ _ARM = ("link1_length", "link2_mass_per_length", "payload_inertia")
 """What the Lyapunov law knows of the arm, by the flat names of the scenario's parameters."""
 
 _MODELLED_ARM = (*_ARM, "link1_mass_per_length", "link2_length")
-"""What the servo knows of it besides; the stiffness that it believes is among its own parameters."""
+"""What the servo knows of it; the stiffness that it believes is one of its own parameters."""
 
 _MOST_ARMS = 256
 
@@ -115,7 +115,10 @@ class LawPolicy:
                 f"action; flying {self.name!r} on top would apply two laws at once. Use 'none' "
                 "for the inner law alone, or an environment without inner_law"
             )
-        if self.name in ("lyapunov", "scheduled", "servo") and str(task.observe_payload) == "hidden":
+        if (
+            self.name in ("lyapunov", "scheduled", "servo")
+            and str(task.observe_payload) == "hidden"
+        ):
             raise PolicyError(
                 f"the law {self.name!r} needs the payload's mass, length and width, which this "
                 "environment hides (observe_payload is 'hidden')"
