@@ -63,8 +63,8 @@ def _options(
 
 
 for _command in (
-    info, modes, stability, simulate, compare, train, imitate, tune, evaluate, benchmark, demo, reproduce,
-    bench,
+    info, modes, stability, simulate, compare, train, imitate, tune, evaluate, benchmark, demo,
+    reproduce, bench,
 ):  # fmt: skip
     # these two see to the file that --json took once
     _loose = _command in (benchmark, bench)

@@ -28,8 +28,8 @@ def stability(
         list[str] | None,
         typer.Option(
             "--policy",
-            help=f"Law to judge: {', '.join(_LAWS)}. May be repeated; the laws with the thesis' gains "
-            "and the servo by default.",
+            help=f"Law to judge: {', '.join(_LAWS)}. May be repeated; the laws with "
+            "the thesis' gains and the servo by default.",
             show_default=False,
         ),
     ] = None,
@@ -73,8 +73,8 @@ def stability(
     """Show where a law keeps the flexible arm stable.
 
     A number is the rate (1/s) at which the worst small motion grows, at a fixed length: negative
-    where every motion dies away. In the loop are the consistent plant, the wheels' lag, the delay of
-    the sensors and the law at its sampling period; not the limits of the wheels.
+    where every motion dies away. In the loop are the consistent plant, the wheels' lag, the delay
+    of the sensors and the law at its sampling period; not the limits of the wheels.
 
     Example: drm stability --policy linear --policy servo --plot stability.png
     """

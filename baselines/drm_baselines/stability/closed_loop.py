@@ -1,13 +1,14 @@
 """Poles of the loop of arm, wheels, sensors and a sampled law.
 
 At a fixed length and small motions everything in the loop is linear: the arm
-(``drm_env.Model.linearize``), the wheels with their lag, the delay of the sensors. The law is the engine's own
-(``drm_env.ControlLaw``), differentiated about rest by central differences together with its memory. Between two
-samples its torques are held, so that the loop is a matrix that takes one sample to the next, and its eigenvalues
-tell whether motions die away.
+(``drm_env.Model.linearize``), the wheels with their lag, the delay of the sensors. The law is the
+engine's own (``drm_env.ControlLaw``), differentiated about rest by central differences together
+with its memory. Between two samples its torques are held, so that the loop is a matrix that takes
+one sample to the next, and its eigenvalues tell whether motions die away.
 
-A flight deploys while it slews: a length at a time, as here, is the usual way to judge a gain schedule, right where
-the arm changes slowly against the motions judged. The saturation of the wheels is left out.
+A flight deploys while it slews: a length at a time, as here, is the usual way to judge a gain
+schedule, right where the arm changes slowly against the motions judged. The saturation of the
+wheels is left out.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ STABLE = 1e-6
 """Growth rate, 1/s, up to which a loop counts as stable: rounding of the differences."""
 
 _SETTLE = 20_000
-"""Samples at rest after which what a law learns of itself (its filter's gains) has come to its end."""
+"""Samples at rest after which the gains of a law's own filter have settled."""
 
 _STEPS = {
     "slew_error": 1e-6,
@@ -297,7 +298,7 @@ def stability_map(
     mass_error: float = 0.0,
     loop: Loop | None = None,
 ) -> StabilityMap:
-    """Return the growth rates of a law; ``mass_error`` is that of the reported mass, as a part of it."""
+    """Return the growth rates of a law; ``mass_error`` is that of the reported mass (a part)."""
     loop = loop or Loop()
     rates = np.array(
         [

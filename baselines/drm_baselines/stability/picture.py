@@ -17,7 +17,7 @@ _SHOWN = 30.0
 def plot_stability(maps: Sequence[StabilityMap], path: Path, *, overwrite: bool = False) -> Path:
     """Draw the maps beside each other; return ``path``.
 
-    Colours run from blue (dies away) over white to red (grows), by the growth rate on a scale that is linear up to
+    Colours run from blue (dies away) over white to red (grows), on a scale that is linear up to
     0.1 1/s; an unstable cell has a cross, too.
     """
     from matplotlib.colors import SymLogNorm
@@ -39,9 +39,14 @@ def plot_stability(maps: Sequence[StabilityMap], path: Path, *, overwrite: bool 
         axis.set_xticks(columns, [f"{a:g}" for a in found.extensions], fontsize="small")
         axis.set_yticks(rows, [f"{mass:g}" for mass in found.masses], fontsize="small")
         axis.set_xlabel("extension (m)")
-        axis.set_title(f"{found.title}: {'stable' if found.stable else 'unstable at x'}", fontsize=9)
+        axis.set_title(
+            f"{found.title}: {'stable' if found.stable else 'unstable at x'}", fontsize=9
+        )
     axes[0, 0].set_ylabel("payload (kg)")
     bar = figure.colorbar(mesh, ax=list(axes[0]))
     bar.set_label("growth rate of the worst motion (1/s)")
-    bar.set_ticks([-10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0], labels=["-10", "-1", "-0.1", "0", "0.1", "1", "10"])
+    bar.set_ticks(
+        [-10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0],
+        labels=["-10", "-1", "-0.1", "0", "0.1", "1", "10"],
+    )
     return save_figure(figure, path, overwrite=overwrite)

@@ -12,7 +12,6 @@ import copy
 import csv
 import hashlib
 import io
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -145,11 +144,9 @@ _ROUGH = {
 }
 
 
-
 def _flexible() -> dict[str, Any]:
     """Hardware and draws of ``drm_env/SlewFlexible-v0``, which its suite takes as they are."""
-    config = drm_env.default_config("slew_flexible")
-    data = json.loads(drm_env.resolve(config=config).json)
+    data = drm_env.resolve("slew_flexible").to_dict()
     scenario = data["scenario"]
     kept = ("plant", "modes", "dynamics", "root_wheel", "tip_wheel", "sensors")
     return {
