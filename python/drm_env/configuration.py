@@ -321,8 +321,8 @@ def resolve_options(task: str, config: ConfigLike, options: Mapping[str, Any]) -
     Parameters
     ----------
     task
-        ``"slew"``, ``"slew_residual"``, ``"slew_thesis"``, ``"slew_direct"``, ``"slew_v1"`` or
-        ``"slew_residual_v1"``: the defaults.
+        ``"slew"``, ``"slew_residual"``, ``"slew_thesis"``, ``"slew_direct"``, ``"slew_v1"``,
+        ``"slew_residual_v1"`` or ``"slew_flexible"``: the defaults.
     config
         what replaces defaults; may be partial. A `ResolvedConfig` is complete, and without options
         it is what is returned.

@@ -149,7 +149,8 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     task : str
         The defaults: ``"slew"``, ``"slew_residual"``, ``"slew_thesis"`` or ``"slew_direct"``, the
         tasks behind ``drm_env/Slew-v0``, ``SlewResidual-v0``, ``SlewThesis-v0``, ``SlewDirect-v0``;
-        ``"slew_v1"`` and ``"slew_residual_v1"`` behind ``drm_env/Slew-v1``, ``SlewResidual-v1``.
+        ``"slew_v1"`` and ``"slew_residual_v1"`` behind ``drm_env/Slew-v1``, ``SlewResidual-v1``;
+        ``"slew_flexible"`` behind ``drm_env/SlewFlexible-v0``.
     config : EnvConfig, ResolvedConfig, mapping or path, optional
         What replaces defaults; a path to a JSON or TOML file.
     render_mode : str, optional

@@ -96,7 +96,8 @@ def simulate(
         manoeuvre). ``None`` is all of it. A `ResolvedConfig` that draws nothing stands for the
         manoeuvre in it.
     law
-        a name (``"none"``, ``"linear"``, ``"lyapunov"``) or a mapping of its parameters.
+        a name (``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``) or a mapping of its
+        parameters.
     decimation
         keep every so many samples of the sample period, the first and the last included.
     seed

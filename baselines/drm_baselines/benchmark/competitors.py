@@ -30,11 +30,11 @@ from drm_baselines.support import provenance
 Progress = Callable[[str, int, int], None]
 """Called with (policy, done, total)."""
 
-BOUND_EPISODES = {"unmodelled": 40, "heavy": 100, "rough": 100}
+BOUND_EPISODES = {"unmodelled": 40, "heavy": 100, "rough": 100, "flexible": 40}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
 plant has three times as many unknowns, one of a heavy payload needs several attempts."""
 
-RECEDING_EPISODES = {"robust": 125, "unmodelled": 20, "heavy": 10, "rough": 20}
+RECEDING_EPISODES = {"robust": 125, "unmodelled": 20, "heavy": 10, "rough": 20, "flexible": 20}
 """Episodes that the receding-horizon controller flies, evenly spread among those of the bound; all
 in other suites. It solves several programmes a flight."""
 

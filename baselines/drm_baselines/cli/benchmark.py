@@ -30,7 +30,7 @@ def benchmark(
         list[str] | None,
         typer.Option(
             "--suite",
-            help="Suite: thesis, robust, heavy, unmodelled or rough; may be repeated; all by "
+            help="Suite: thesis, robust, heavy, unmodelled, rough or flexible; may be repeated; all by "
             "default.",
             show_default=False,
         ),

@@ -148,7 +148,7 @@ def _flexible() -> dict[str, Any]:
     """Hardware and draws of ``drm_env/SlewFlexible-v0``, which its suite takes as they are."""
     data = drm_env.resolve("slew_flexible").to_dict()
     scenario = data["scenario"]
-    kept = ("plant", "modes", "dynamics", "root_wheel", "tip_wheel", "sensors")
+    kept = ("arm", "plant", "modes", "dynamics", "root_wheel", "tip_wheel", "sensors")
     return {
         "base": {"horizon": HORIZON, **{name: scenario[name] for name in kept}},
         "drawn": {name: data["randomize"][name] for name in _FLEXIBLE_COLUMNS},

@@ -14,7 +14,7 @@ from drm_baselines import suites
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.seeds import TRAINING_SEED
 
-FILES = ("thesis", "robust", "heavy", "rough")
+FILES = ("thesis", "robust", "heavy", "rough", "flexible")
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -49,6 +49,22 @@ def test_strata_are_equally_large() -> None:
     names, counts = np.unique(manoeuvres.strata, return_counts=True)
     assert sorted(names) == sorted(title for title, _, _ in suites.STRATA)
     assert set(counts) == {250}
+
+
+def test_flexible_is_the_environment_of_its_name() -> None:
+    config = drm_env.resolve("drm_env/SlewFlexible-v0").to_dict()
+    drawn = config["randomize"]
+    for scenario in suites.load("flexible").scenarios:
+        for name in ("root_wheel", "tip_wheel", "sensors", "plant", "modes"):
+            assert scenario[name] == config["scenario"][name]
+        for name, value in {
+            "payload_offset": scenario["payload"]["offset"],
+            "link1_bending_stiffness": scenario["arm"]["link1"]["bending_stiffness"],
+            "link2_bending_stiffness": scenario["arm"]["link2"]["bending_stiffness"],
+            "damping_ratio": scenario["dynamics"]["damping_ratio"],
+        }.items():
+            low, high = drawn[name]["uniform"]
+            assert low <= value <= high
 
 
 def test_unmodelled_flies_the_manoeuvres_of_robust_on_another_plant() -> None:

@@ -28,6 +28,7 @@ from drm_baselines.benchmark.report import (
 from drm_baselines.errors import BaselineError
 from drm_baselines.policies.names import title_of
 from drm_baselines.rl.run_record import EVALUATIONS_FILE
+from drm_baselines.suites import SUITES
 from drm_baselines.support import storage
 from drm_baselines.support.markers import marked_range
 
@@ -130,15 +131,20 @@ def write_summary(path: Path, results: Sequence[SuiteResult], *, overwrite: bool
 
 
 def update_documents(root: Path, results: Sequence[SuiteResult], figures: Path) -> list[Path]:
-    """Write the tables between the markers of README.md and docs/benchmark.md."""
+    """Write the tables between the markers of README.md and docs/benchmark.md.
+
+    What needs all suites is written when all have been flown.
+    """
     readme, page = root / "README.md", root / "docs" / "benchmark.md"
     written = []
     for result in results:
         inject(page, result.suite, tables.markdown_table(result))
         if result.suite == "robust":
             written.append(inject(readme, "robust", tables.markdown_table(result)))
-    inject(page, "degradation", tables.degradation_table(results))
-    written.append(inject(page, "targets", targets_text(results)))
+    if {result.suite for result in results} == set(SUITES):
+        inject(page, "degradation", tables.degradation_table(results))
+        inject(page, "targets", targets_text(results))
+    written.append(page)
     images = root / "docs" / "images"
     for name in ("robust", "robust_profiles", "degradation", "learning_curves"):
         source = figures / f"{name}.png"

@@ -10,19 +10,21 @@
 //!
 //! of which the modes make 2 zeta times their angular frequencies. It has no row of the slew angle: turning as
 //! a whole is not damped. The root is smooth in the length, also where frequencies cross, so that it is
-//! tabulated; between two nodes it is their mean by distance, which is positive definite as they are.
+//! tabulated over the logarithm of the length and interpolated by cubics.
 
 use nalgebra::{DMatrix, DVector, Dyn, SymmetricEigen};
 
 use super::arm_tables::packed;
 
-/// Nodes for each doubling of the length: the mean of two nodes is then within 0.2 % of the root itself.
-const PER_OCTAVE: f64 = 12.0;
+/// At least so many nodes for each doubling of the length; every mode's damping is then within 0.5 % of its ratio.
+const PER_OCTAVE: f64 = 10.0;
 
 /// C over the lengths of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ModalDamping {
     shortest: f64,
+    /// Nodes for each doubling of the length.
+    per_octave: f64,
     entries: usize,
     nodes: usize,
     /// A node's packed matrix after the other.
@@ -37,10 +39,12 @@ impl ModalDamping {
         ratio: f64,
         matrices: impl Fn(f64) -> (DMatrix<f64>, DMatrix<f64>),
     ) -> Option<Self> {
-        let nodes = 2 + (libm::log2(high / low) * PER_OCTAVE) as usize;
+        let octaves = libm::log2(high / low);
+        let nodes = (libm::ceil(octaves * PER_OCTAVE) as usize + 1).max(4);
+        let per_octave = (nodes - 1) as f64 / octaves;
         let (mut values, mut entries) = (Vec::new(), 0);
         for node in 0..nodes {
-            let (mass, stiffness) = matrices(low * libm::exp2(node as f64 / PER_OCTAVE));
+            let (mass, stiffness) = matrices(low * libm::exp2(node as f64 / per_octave));
             let root = root(&mass, &stiffness)?;
             for i in 0..root.nrows() {
                 for k in 0..=i {
@@ -51,6 +55,7 @@ impl ModalDamping {
         }
         Some(Self {
             shortest: low,
+            per_octave,
             entries,
             nodes,
             values,
@@ -60,19 +65,26 @@ impl ModalDamping {
     /// Writes the packed matrix at a length.
     #[inline]
     pub fn at(&self, length: f64, out: &mut [f64]) {
-        let place = libm::log2(length / self.shortest) * PER_OCTAVE;
-        // beyond the last node the last interval goes on
-        let node = (place.max(0.0) as usize).min(self.nodes - 2);
-        let part = (length - self.node(node)) / (self.node(node + 1) - self.node(node));
-        let before = &self.values[node * self.entries..][..self.entries];
-        let after = &self.values[(node + 1) * self.entries..][..self.entries];
-        for ((out, a), b) in out.iter_mut().zip(before).zip(after) {
-            *out = part.mul_add(*b - *a, *a);
+        let place = libm::log2(length / self.shortest) * self.per_octave;
+        let first = ((place - 1.0).max(0.0) as usize).min(self.nodes - 4);
+        // Lagrange's polynomials on four nodes, x from the second
+        let x = place - first as f64 - 1.0;
+        let (below, above, beyond) = (x + 1.0, x - 1.0, x - 2.0);
+        let weights = [
+            -x * above * beyond / 6.0,
+            below * above * beyond / 2.0,
+            -below * x * beyond / 2.0,
+            below * x * above / 6.0,
+        ];
+        let rows: [&[f64]; 4] =
+            std::array::from_fn(|k| &self.values[(first + k) * self.entries..][..self.entries]);
+        for (e, out) in out.iter_mut().take(self.entries).enumerate() {
+            let mut sum = 0.0;
+            for (weight, row) in weights.iter().zip(rows) {
+                sum = weight.mul_add(row[e], sum);
+            }
+            *out = sum;
         }
-    }
-
-    fn node(&self, index: usize) -> f64 {
-        self.shortest * libm::exp2(index as f64 / PER_OCTAVE)
     }
 
     /// Size of the tables, bytes.

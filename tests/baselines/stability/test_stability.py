@@ -1,0 +1,83 @@
+"""Poles of sampled loops against the arm's own, and against what small motions do when they are flown."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drm_env
+from drm_baselines.policies.pilots import law_data
+from drm_baselines.stability import STABLE, Loop, closed_loop, growth_rate, stability_map
+
+LINK1, LENGTH, MASS = 7.0, 8.0, 200.0
+
+
+def released(law: str, loop: Loop, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time and slew rate of an arm at rest that is let go from a tiny deflection."""
+    scenario: dict[str, Any] = {
+        "plant": "consistent",
+        "modes": list(loop.modes),
+        "slew": {"angle": 0.0},
+        "deployment": {"start": LENGTH, "end": LENGTH, "mode": "none"},
+        "payload": {"mass": MASS},
+        "initial": {"beta": 1e-12},
+        "dynamics": {"damping_ratio": loop.damping_ratio, "spectral_radius": 1.0},
+        "root_wheel": {"lag": loop.lag},
+        "tip_wheel": {"lag": loop.lag},
+        "sensors": {"delay": loop.delay},
+        "integrator_step": 1e-4,
+        "sample_period": loop.period,
+        "horizon": seconds,
+    }
+    flight = drm_env.simulate(scenario, law=law_data(law))
+    return flight["time"], flight["slew_rate"]
+
+
+def test_without_a_law_the_poles_are_those_of_the_damped_arm() -> None:
+    loop = Loop(damping_ratio=0.01)
+    model = drm_env.Model({"mass": MASS}, plant="consistent")
+    slowest = 2.0 * math.pi * model.natural_frequencies(LENGTH)[0]
+    found = growth_rate(closed_loop({"name": "none"}, LENGTH, MASS, loop=loop), loop.period)
+    assert found == pytest.approx(-0.01 * slowest, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("law", "loop"),
+    [
+        ("linear", Loop()),
+        ("lyapunov", Loop()),
+        ("linear", Loop(lag=0.0, delay=0.0)),
+        ("linear", Loop(lag=0.02, delay=0.004, modes=(2, 2))),
+    ],
+    ids=["linear", "Lyapunov", "ideal wheels", "slow wheels"],
+)
+def test_a_flight_grows_at_the_rate_of_the_worst_pole(law: str, loop: Loop) -> None:
+    rate = growth_rate(closed_loop(law_data(law), LENGTH, MASS, loop=loop), loop.period)
+    assert rate > 1.0
+    # from 1e-12 m by six orders: far from any limit of the wheels
+    time, motion = released(law, loop, min(12.0, 14.0 / rate + 0.1))
+    envelope = np.maximum.accumulate(np.abs(motion))
+    grown = (envelope > envelope[-1] * 1e-4) & (envelope > 0.0)
+    slope = np.polyfit(time[grown], np.log(envelope[grown]), 1)[0]
+    assert slope == pytest.approx(rate, rel=0.05)
+
+
+@pytest.mark.parametrize("stiffness", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("mass_error", [-0.15, 0.15])
+def test_servo_is_stable_where_the_environment_draws(stiffness: float, mass_error: float) -> None:
+    loop = Loop(stiffness=stiffness, damping_ratio=0.0025)
+    found = stability_map(
+        "servo", {"name": "servo"}, [1.0, 2.5, 4.0, 6.0, 8.0], [50.0, 500.0],
+        mass_error=mass_error, loop=loop,
+    )  # fmt: skip
+    assert found.stable, found.rates
+
+
+def test_laws_of_the_thesis_are_unstable_on_a_flexible_arm() -> None:
+    """Undamped or not: what docs/plants.md says of them."""
+    for law in ("linear", "lyapunov"):
+        found = stability_map(law, law_data(law), [1.0, 8.0], [200.0], loop=Loop())
+        assert (found.rates > STABLE).all()
