@@ -30,8 +30,8 @@ def benchmark(
         list[str] | None,
         typer.Option(
             "--suite",
-            help="Suite: thesis, robust, heavy, unmodelled, rough or flexible; may be repeated; all by "
-            "default.",
+            help="Suite: thesis, robust, heavy, unmodelled, rough or flexible; may be repeated; "
+            "all by default.",
             show_default=False,
         ),
     ] = None,

@@ -10,15 +10,18 @@ import numpy as np
 from drm_baselines.stability.closed_loop import STABLE, StabilityMap
 from drm_baselines.support.figures import save_figure, subplots
 
-_SHOWN = 30.0
+_SHOWN = 1000.0
 """Largest growth rate that a colour shows, 1/s."""
+
+_STRONG = 100.0
+"""Growth rate from which a cell is so dark that its number is white, 1/s."""
 
 
 def plot_stability(maps: Sequence[StabilityMap], path: Path, *, overwrite: bool = False) -> Path:
     """Draw the maps beside each other; return ``path``.
 
     Colours run from blue (dies away) over white to red (grows), on a scale that is linear up to
-    0.1 1/s; an unstable cell has a cross, too.
+    0.1 1/s; the number is in each cell, bold where the motion grows.
     """
     from matplotlib.colors import SymLogNorm
 
@@ -34,19 +37,26 @@ def plot_stability(maps: Sequence[StabilityMap], path: Path, *, overwrite: bool 
             cmap="RdBu_r",
             shading="nearest",
         )
-        unstable = np.argwhere(found.rates >= STABLE)
-        axis.plot(unstable[:, 1], unstable[:, 0], "x", color="black", markersize=4.0)
+        for row, column in np.ndindex(found.rates.shape):
+            rate = found.rates[row, column]
+            strong = abs(rate) > _STRONG
+            axis.text(
+                column,
+                row,
+                f"{rate:.0f}" if abs(rate) >= 10.0 else f"{rate:.2g}",
+                ha="center",
+                va="center",
+                fontsize=6.5,
+                color="white" if strong else "black",
+                weight="bold" if rate >= STABLE else "normal",
+            )
         axis.set_xticks(columns, [f"{a:g}" for a in found.extensions], fontsize="small")
         axis.set_yticks(rows, [f"{mass:g}" for mass in found.masses], fontsize="small")
         axis.set_xlabel("extension (m)")
-        axis.set_title(
-            f"{found.title}: {'stable' if found.stable else 'unstable at x'}", fontsize=9
-        )
+        axis.set_title(f"{found.title}: {'stable' if found.stable else 'unstable'}", fontsize=9)
     axes[0, 0].set_ylabel("payload (kg)")
     bar = figure.colorbar(mesh, ax=list(axes[0]))
     bar.set_label("growth rate of the worst motion (1/s)")
-    bar.set_ticks(
-        [-10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0],
-        labels=["-10", "-1", "-0.1", "0", "0.1", "1", "10"],
-    )
+    ticks = [-1000.0, -10.0, -0.1, 0.0, 0.1, 10.0, 1000.0]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     return save_figure(figure, path, overwrite=overwrite)

@@ -52,8 +52,8 @@ pub struct ServoLaw {
     pub damping: [f64; MODES],
     /// Most of the root wheel's torque that damping may take, N m.
     pub damping_torque: f64,
-    /// Rate at which the observer of each mode forgets, 1/s.
-    pub observer_bandwidth: [f64; MODES],
+    /// Rate at which the observer of each mode forgets, as a part of its angular frequency.
+    pub observer_ratio: [f64; MODES],
     /// Standard deviation of the slew angle as the filter believes it, rad: of noise and what vibration is left.
     pub angle_deviation: f64,
     /// What the whole arm's angle may drift as the filter believes it, rad/s^(1/2).
@@ -75,11 +75,12 @@ impl Default for ServoLaw {
             bandwidth: 2.0,
             rate_bandwidth: 3.0,
             torque_share: 0.9,
-            damping: [0.05, 0.02, 0.0],
-            damping_torque: 60.0,
-            observer_bandwidth: [6.0; MODES],
+            // stable with the stiffness wrong by a tenth either way (`drm stability --stiffness 0.9`)
+            damping: [0.1, 0.01, 0.001],
+            damping_torque: 90.0,
+            observer_ratio: [0.1, 0.15, 0.15],
             angle_deviation: 3e-3,
-            angle_drift: 1e-5,
+            angle_drift: 1e-4,
             mass_deviation: 0.09,
             bending_stiffness: [arm.link1.bending_stiffness, arm.link2.bending_stiffness],
             damping_ratio: 0.005,
@@ -97,8 +98,8 @@ impl ServoLaw {
             finite_gain(&format!("damping[{i}]"), *gain)?;
         }
         non_negative("damping_torque", self.damping_torque)?;
-        for (i, bandwidth) in self.observer_bandwidth.iter().enumerate() {
-            non_negative(&format!("observer_bandwidth[{i}]"), *bandwidth)?;
+        for (i, ratio) in self.observer_ratio.iter().enumerate() {
+            non_negative(&format!("observer_ratio[{i}]"), *ratio)?;
         }
         positive("angle_deviation", self.angle_deviation)?;
         non_negative("angle_drift", self.angle_drift)?;
@@ -456,7 +457,7 @@ impl ServoLaw {
             let [frequency, root] = [found[3 * k], found[3 * k + 1]];
             let exists = zero.below(root.abs());
             let per_root = choose(exists, root, one).recip() * exists;
-            let gain = h * (2.0 * self.observer_bandwidth[k]);
+            let gain = h * frequency * (2.0 * self.observer_ratio[k]);
             state[1] = (gain * per_root).mul_add(surprise, state[1]);
             present = root.mul_add(state[1], present);
             let wanted = frequency * per_root * (-2.0 * self.damping[k]);
