@@ -181,6 +181,11 @@ fn followed_particles_damping_and_a_driven_slew_motor() {
 fn the_consistent_plant_of_one_arm_and_of_several() {
     let one = format!(r#"{{{DRAWN}, "plant": "consistent", "modes": [2, 2]}}"#);
     same_bits_everywhere("consistent", "slew", &one);
+    // each takes another of the steps that are compiled
+    for modes in ["[4, 4]", "[3, 5]", "[5, 5]"] {
+        let options = format!(r#"{{{DRAWN}, "plant": "consistent", "modes": {modes}}}"#);
+        same_bits_everywhere(modes, "slew", &options);
+    }
     let several = format!(
         r#"{{{DRAWN}, "plant": "consistent", "modes": [2, 1],
         "link1_bending_stiffness": {{"uniform": [2.0e6, 3.0e6]}}}}"#

@@ -299,8 +299,10 @@ impl<T: Lane> ConsistentLanes<T> {
         Some(all)
     }
 
+    /// [`ConsistentLanes::step`] of `modes` shapes a link, at most N coordinates; S and P are the lengths
+    /// of the tables that so many need.
     #[inline(always)]
-    fn step_of<const N: usize, const S: usize, const P: usize>(
+    pub(super) fn step_of<const N: usize, const S: usize, const P: usize>(
         &self,
         modes: (usize, usize),
         state: &mut ConsistentState<T>,

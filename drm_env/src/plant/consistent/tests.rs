@@ -4,13 +4,17 @@ use std::sync::Arc;
 
 use crate::arm::{Arm, PayloadInertia, PayloadProperties, TABLE_2_7};
 use crate::math::generalized_alpha::GeneralizedAlpha;
+use crate::plant::consistent::arm_tables::Slots;
 use crate::plant::consistent::{CAPACITY, ConsistentLanes, ConsistentPlant, ConsistentState};
 use crate::plant::{Dynamics, TipTorque, Torques};
 use crate::reference::Extension;
 use crate::reference::timeline::Piece;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::Instructions;
 use crate::simd::{Lane, Pack};
 
-const WIDTH: usize = 8;
+/// Environments, as many as the widest pack has lanes.
+const COUNT: usize = 8;
 const STEPS: usize = 120;
 
 /// A payload of table 2-7: 0 is none, 1 to 4 are the thesis' Payloads 0 to 3.
@@ -32,58 +36,65 @@ fn moving(length: f64, rate: f64, accel: f64) -> Piece<f64> {
     }
 }
 
-/// One environment and its flight, told by its lane.
+/// One environment and its flight, told by its number.
 struct Single {
     plant: ConsistentPlant,
-    lane: usize,
+    number: usize,
     /// Whether any lane deploys.
     deploying: bool,
 }
 
 impl Single {
-    fn new(lane: usize, modes: (usize, usize), deploying: bool) -> Self {
+    fn new(number: usize, modes: (usize, usize), deploying: bool) -> Self {
         let dynamics = Dynamics {
-            structural_damping: [0.0, 1e-4][lane % 2],
-            tip_torque: [TipTorque::SlewAndTip, TipTorque::TipOnly][lane / 4],
+            structural_damping: [0.0, 1e-4][number % 2],
+            tip_torque: [TipTorque::SlewAndTip, TipTorque::TipOnly][number / 4],
             ..Dynamics::default()
         };
-        let (arm, payload) = (Arm::default(), payload(lane % 5));
+        let (arm, payload) = (Arm::default(), payload(number % 5));
         let plant = ConsistentPlant::new(&arm, &payload, &dynamics, modes, (1.0, 8.0));
         Self {
             plant: plant.expect("the plant exists"),
-            lane,
+            number,
             deploying,
         }
     }
 
     /// The state that a step begins a new flight with, if it does.
     fn reset(&self, step: usize) -> Option<ConsistentState> {
-        let lane = self.lane as f64;
-        let starts = step == 0 || step == 11 * self.lane;
-        // a lane whose deflections are zero has zeros everywhere
-        let bent = if self.lane == 6 { 0.0 } else { 1e-3 };
+        let number = self.number as f64;
+        let starts = step == 0 || step == 11 * self.number;
+        // one whose deflections are zero has zeros everywhere
+        let bent = if self.number == 6 { 0.0 } else { 1e-3 };
         starts.then(|| {
-            self.plant
-                .released((0.1 * lane, 0.05 * lane), (bent, 0.0), (-2.0 * bent, bent))
+            self.plant.released(
+                (0.1 * number, 0.05 * number),
+                (bent, 0.0),
+                (-2.0 * bent, bent),
+            )
         })
     }
 
     fn active(&self, step: usize) -> bool {
-        !(step + 3 * self.lane).is_multiple_of(7)
+        !(step + 3 * self.number).is_multiple_of(7)
     }
 
     fn length(&self) -> f64 {
-        5e-4 * (1.0 - 0.05 * self.lane as f64)
+        5e-4 * (1.0 - 0.05 * self.number as f64)
     }
 
     /// At rest, at a steady rate, accelerated; from half of the steps on the acceleration is another.
     fn piece(&self, step: usize) -> Piece<f64> {
-        let lane = self.lane as f64;
-        if !self.deploying || self.lane.is_multiple_of(3) {
-            return moving(1.0 + 0.9 * lane, 0.0, 0.0);
+        let number = self.number as f64;
+        if !self.deploying || self.number.is_multiple_of(3) {
+            return moving(1.0 + 0.9 * number, 0.0, 0.0);
         }
         let accel = if step < STEPS / 2 { 0.1 } else { -0.2 };
-        moving(1.0 + 0.8 * lane, 0.4, accel * f64::from(self.lane % 3 == 2))
+        moving(
+            1.0 + 0.8 * number,
+            0.4,
+            accel * f64::from(self.number % 3 == 2),
+        )
     }
 
     fn from(&self, step: usize) -> f64 {
@@ -91,13 +102,13 @@ impl Single {
     }
 
     fn torques(&self, step: usize) -> [Torques<f64>; 3] {
-        let lane = self.lane as f64;
+        let number = self.number as f64;
         // held over 20 steps
         let held = (step / 20) as f64;
         let at = |part: f64| Torques {
-            slew: 100.0 * lane + 3.0 * part * (step % 2) as f64,
+            slew: 100.0 * number + 3.0 * part * (step % 2) as f64,
             root: 7.0 * held,
-            tip: if self.lane == 6 { 0.0 } else { held - lane },
+            tip: if self.number == 6 { 0.0 } else { held - number },
         };
         [at(0.0), at(0.5), at(1.0)]
     }
@@ -130,9 +141,26 @@ fn alone(singles: &[Single]) -> Vec<Vec<ConsistentState>> {
         .collect()
 }
 
-/// The same side by side, compared after every step.
+/// The same side by side, a pack after the other, compared after every step. `USUAL`: the step of four
+/// modes a link is the only one that is compiled.
 #[inline(always)]
-fn fly_together<T: Lane>(singles: &[Single], alone: &[Vec<ConsistentState>], name: &str) {
+fn fly_together<T: Lane, const USUAL: bool>(
+    singles: &[Single],
+    alone: &[Vec<ConsistentState>],
+    name: &str,
+) {
+    for first in (0..singles.len()).step_by(T::WIDTH) {
+        fly_pack::<T, USUAL>(&singles[first..][..T::WIDTH], first, alone, name);
+    }
+}
+
+#[inline(always)]
+fn fly_pack<T: Lane, const USUAL: bool>(
+    singles: &[Single],
+    first: usize,
+    alone: &[Vec<ConsistentState>],
+    name: &str,
+) {
     let scheme = GeneralizedAlpha::default();
     let zero = T::splat(0.0);
     let mut lanes = ConsistentLanes::<T>::new(&singles[0].plant);
@@ -169,10 +197,16 @@ fn fly_together<T: Lane>(singles: &[Single], alone: &[Vec<ConsistentState>], nam
             extension.rate.set_lane(lane, at.rate);
             extension.accel.set_lane(lane, at.accel);
         }
-        lanes.step(&scheme, &mut state, &torques, &extension, h, active);
+        if USUAL {
+            const S4: usize = Slots::new(4).count;
+            let args = (&scheme, &torques, &extension, h, active);
+            lanes.step_of::<9, S4, 10>((4, 4), &mut state, args);
+        } else {
+            lanes.step(&scheme, &mut state, &torques, &extension, h, active);
+        }
         let outputs = lanes.outputs(&state, &extension);
         for (lane, single) in singles.iter().enumerate() {
-            let (found, expected) = (state.lane(lane), &alone[lane]);
+            let (found, expected) = (state.lane(lane), &alone[first + lane]);
             assert_eq!(found, *expected, "{name} lane {lane} step {step}");
             assert!(found.is_finite(), "{name} lane {lane} step {step}");
             for (x, y) in found
@@ -204,17 +238,19 @@ fn fly_together<T: Lane>(singles: &[Single], alone: &[Vec<ConsistentState>], nam
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
 fn fly_avx512(singles: &[Single], alone: &[Vec<ConsistentState>]) {
-    fly_together::<crate::simd::x86::Wide8>(singles, alone, "AVX-512");
+    fly_together::<crate::simd::x86::Wide8, true>(singles, alone, "AVX-512");
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn fly_avx2(singles: &[Single], alone: &[Vec<ConsistentState>]) {
-    fly_together::<crate::simd::paired::Paired<crate::simd::x86::Wide4>>(singles, alone, "AVX2");
+    fly_together::<crate::simd::x86::Wide4, true>(singles, alone, "AVX2");
 }
 
 /// Different payloads, dampings, extensions and steps; some lanes at rest, flights that start and
-/// steps that are sat out at different times, forces that jump in some lanes.
+/// steps that are sat out at different times, forces that jump in some lanes. Every number of modes has
+/// the two lanes of any processor; the wide registers, of which each step is a large function, have the
+/// usual number here, and all of them in `tests/lanes.rs`, which flies what the library has compiled.
 #[test]
 fn a_lane_of_a_pack_has_the_bits_of_its_environment_alone() {
     for (modes, deploying) in [
@@ -224,21 +260,18 @@ fn a_lane_of_a_pack_has_the_bits_of_its_environment_alone() {
         ((1, 3), true),
         ((8, 8), true),
     ] {
-        let singles: Vec<Single> = (0..WIDTH)
-            .map(|lane| Single::new(lane, modes, deploying))
+        let singles: Vec<Single> = (0..COUNT)
+            .map(|number| Single::new(number, modes, deploying))
             .collect();
         let expected = alone(&singles);
-        fly_together::<Pack<WIDTH>>(&singles, &expected, "pack");
+        fly_together::<Pack<2>, false>(&singles, &expected, "pack");
         #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-            {
+        if modes == (4, 4) {
+            if Instructions::detect() >= Instructions::Avx512 {
                 // SAFETY: the processor has the features that the function is compiled for
                 unsafe { fly_avx512(&singles, &expected) };
             }
-            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            if Instructions::detect() >= Instructions::Avx2 {
                 // SAFETY: the processor has the features that the function is compiled for
                 unsafe { fly_avx2(&singles, &expected) };
             }
@@ -260,7 +293,7 @@ fn plants_of_one_arm_share_what_depends_on_it_alone() {
     let first = plant(2, true, (4, 4), (1.0, 8.0));
     let beside = plant(4, true, (4, 4), (2.0, 3.0));
     assert!(Arc::ptr_eq(first.arm(), beside.arm()));
-    let mut lanes = ConsistentLanes::<Pack<WIDTH>>::new(&first);
+    let mut lanes = ConsistentLanes::<Pack<COUNT>>::new(&first);
     assert!(lanes.set_lane(3, &beside));
     let before = lanes.clone();
     for other in [
