@@ -162,9 +162,29 @@ def test_a_manoeuvre_can_be_taken_from_it_if_nothing_is_drawn() -> None:
     assert drm_env.rollout([held], "linear")["tip_error_rms"][0] == flown.metrics["tip_error_rms"]
     assert len(drm_env.transitions(held).offset) == 25
     drawn = drm_env.resolve(ID)
-    for act in (drm_env.simulate, drm_env.transitions, lambda one: drm_env.rollout([one])):
-        with pytest.raises(drm_env.ConfigError, match=r"draws payload_mass.*sample_scenarios"):
+    for act, name in (
+        (drm_env.simulate, "scenario"),
+        (drm_env.transitions, "scenario"),
+        (lambda one: drm_env.rollout([held, one]), r"scenarios\[1\]"),
+    ):
+        told = rf"^{name} must be one manoeuvre, .* draws .*payload_mass.*sample_scenarios"
+        with pytest.raises(drm_env.ConfigError, match=told):
             act(drawn)
+
+
+def test_a_manoeuvre_of_a_held_configuration_is_neither_written_nor_read_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    held = drm_env.resolve("drm_env/SlewThesis-v0", horizon=0.2)
+
+    def refuse(*_: object) -> str:
+        raise AssertionError("it is taken as it is")
+
+    monkeypatch.setattr(drm_env.ResolvedConfig, "to_json", refuse)
+    monkeypatch.setattr(drm_env.ResolvedConfig, "to_dict", refuse)
+    drm_env.simulate(held)
+    drm_env.rollout([held, {"horizon": 0.2}])
+    drm_env.transitions(held)
 
 
 def test_specifications_with_it_survive_json() -> None:

@@ -5,11 +5,12 @@
 #![allow(clippy::print_stdout)]
 
 use drm_env::Scenario;
+use drm_env::config::scenario::ValidScenario;
 use drm_env::control::Law;
 use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
 use drm_env::reference::deployment::DeploymentMode;
-use drm_env::rollout::{Controller, Options, Recording, SIGNAL_NAMES, fly};
+use drm_env::rollout::{Options, Pilot, Recording, SIGNAL_NAMES, fly};
 use drm_env::validity::LARGEST_DEFLECTION;
 
 const MASSES: [f64; 10] = [
@@ -52,10 +53,9 @@ fn any_payload_flies_or_is_called_diverged() {
         ..Options::default()
     };
     let law = Law::default();
-    let flown = fly(&scenarios, Controller::Law(&law), &seeds, &options, |_| {
-        true
-    })
-    .expect("they fly");
+    let pilot = Pilot::law(&law).expect("its gains are finite");
+    let checked = ValidScenario::all(&scenarios).expect("they can be flown");
+    let flown = fly(&checked, &pilot, &seeds, &options, |_| true).expect("they fly");
     let kept = flown.trajectories.expect("signals are kept");
     let column = |name: &str| {
         let found = kept.signals.iter().find(|(known, _)| *known == name);

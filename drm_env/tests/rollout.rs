@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use drm_env::config::parameter::Overrides;
+use drm_env::config::scenario::ValidScenario;
 use drm_env::config::{Actuator, EnvConfig, ValidConfig};
 use drm_env::control::Law;
 use drm_env::control::mlp::{Activation, Layer, Network, Output, Scratch};
@@ -10,7 +11,7 @@ use drm_env::env::sample_scenarios;
 use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
 use drm_env::rollout::{
-    Controller, Flown, Options, Recording, SIGNAL_NAMES, fly, rollout, signals, simulate,
+    Flown, Options, Pilot, Recording, SIGNAL_NAMES, fly, rollout, signals, simulate,
 };
 use drm_env::simd::Instructions;
 use drm_env::simulation::metrics::Metrics;
@@ -104,20 +105,25 @@ fn network_for(config: &EnvConfig) -> Network {
 #[test]
 fn a_law_gives_the_same_bits_in_any_lane_on_any_thread_and_alone() {
     let (scenarios, seeds) = (varied(), seeds(19));
+    let checked = ValidScenario::all(&scenarios).unwrap();
     let law = Law::named("lyapunov").unwrap();
     let recording = every_signal(30).unwrap();
     let mut first = None;
     for options in spreads(Some(&recording)) {
-        let flown = fly(&scenarios, Controller::Law(&law), &seeds, &options, |_| {
-            true
-        })
+        let flown = fly(
+            &checked,
+            &Pilot::law(&law).unwrap(),
+            &seeds,
+            &options,
+            |_| true,
+        )
         .unwrap();
         let got = all_bits(&flown);
         assert_eq!(&got, first.get_or_insert(got.clone()), "{options:?}");
     }
     let flown = fly(
-        &scenarios,
-        Controller::Law(&law),
+        &checked,
+        &Pilot::law(&law).unwrap(),
         &seeds,
         &Options {
             recording: Some(recording),
@@ -157,13 +163,14 @@ fn a_diverging_manoeuvre_ends_with_its_last_finite_row() {
         },
         scenario,
     ];
+    let checked = ValidScenario::all(&scenarios).unwrap();
     let options = Options {
         recording: every_signal(1),
         ..Options::default()
     };
     let flown = fly(
-        &scenarios,
-        Controller::Law(&law),
+        &checked,
+        &Pilot::law(&law).unwrap(),
         &seeds(2),
         &options,
         |_| true,
@@ -224,16 +231,14 @@ fn a_network_flies_the_episodes_that_stepping_an_environment_makes() {
         // flown apart from the others
         scenarios[5].plant = PlantModel::Consistent;
         scenarios[6].integrator_step = 4e-4;
+        let checked = ValidScenario::all(&scenarios).unwrap();
         let network = network_for(&config);
         let held = ValidConfig::new(config.clone()).unwrap();
-        let controller = Controller::Network {
-            network: &network,
-            config: &held,
-        };
+        let pilot = Pilot::network(&network, &held).unwrap();
         let recording = every_signal(3).unwrap();
         let mut first = None;
         for options in spreads(Some(&recording)) {
-            let flown = fly(&scenarios, controller, &seeds, &options, |_| true).unwrap();
+            let flown = fly(&checked, &pilot, &seeds, &options, |_| true).unwrap();
             let got = all_bits(&flown);
             assert_eq!(&got, first.get_or_insert(got.clone()), "{options:?}");
             if options.threads != Some(2) {
@@ -275,14 +280,18 @@ fn refusal(config: &EnvConfig, network: &Network, scenarios: &[Scenario]) -> Str
         Ok(held) => held,
         Err(error) => return error.to_string(),
     };
-    let controller = Controller::Network {
-        network,
-        config: &config,
+    let pilot = match Pilot::network(network, &config) {
+        Ok(pilot) => pilot,
+        Err(error) => return error.to_string(),
+    };
+    let scenarios = match ValidScenario::all(scenarios) {
+        Ok(scenarios) => scenarios,
+        Err(error) => return error.to_string(),
     };
     let mut asked = 0;
     let result = fly(
-        scenarios,
-        controller,
+        &scenarios,
+        &pilot,
         &seeds(scenarios.len()),
         &Options::default(),
         |_| {
@@ -355,15 +364,20 @@ fn recordings_that_cannot_be_kept_are_refused() {
         };
         1000
     ];
+    let checked = ValidScenario::all(&scenarios).unwrap();
     let options = Options {
         recording: every_signal(1),
         ..Options::default()
     };
     let law = Law::named("none").unwrap();
     let seeds = seeds(1000);
-    let error = fly(&scenarios, Controller::Law(&law), &seeds, &options, |_| {
-        true
-    })
+    let error = fly(
+        &checked,
+        &Pilot::law(&law).unwrap(),
+        &seeds,
+        &options,
+        |_| true,
+    )
     .unwrap_err();
     let text = error.to_string();
     assert!(
@@ -380,15 +394,12 @@ fn recordings_that_cannot_be_kept_are_refused() {
 fn an_interruption_ends_the_work() {
     let config = ValidConfig::resolve("slew_residual", None, None).unwrap();
     let network = network_for(&config);
-    let scenarios = vec![config.scenario; 4000];
+    let checked = ValidScenario::all(&vec![config.scenario; 4000]).unwrap();
     let seeds = vec![Seed::default(); 4000];
     let law = Law::named("linear").unwrap();
-    for controller in [
-        Controller::Law(&law),
-        Controller::Network {
-            network: &network,
-            config: &config,
-        },
+    for pilot in [
+        Pilot::law(&law).unwrap(),
+        Pilot::network(&network, &config).unwrap(),
     ] {
         let options = Options {
             recording: Some(Recording::new(&["time"], 10).unwrap()),
@@ -396,7 +407,7 @@ fn an_interruption_ends_the_work() {
             ..Options::default()
         };
         let begun = std::time::Instant::now();
-        let result = fly(&scenarios, controller, &seeds, &options, |_| false);
+        let result = fly(&checked, &pilot, &seeds, &options, |_| false);
         assert!(matches!(
             result,
             Err(Error::Simulation(SimulationError::Interrupted))
@@ -429,19 +440,9 @@ fn a_policy_that_is_not_a_number_is_named() {
         biases: vec![0.0; 2],
     });
     let network = Network::new(&layers, Activation::Relu, Output::Clip).unwrap();
-    let controller = Controller::Network {
-        network: &network,
-        config: &config,
-    };
-    let scenarios = vec![config.scenario; 3];
-    let error = fly(
-        &scenarios,
-        controller,
-        &seeds(3),
-        &Options::default(),
-        |_| true,
-    )
-    .unwrap_err();
+    let pilot = Pilot::network(&network, &config).unwrap();
+    let checked = ValidScenario::all(&[config.scenario; 3]).unwrap();
+    let error = fly(&checked, &pilot, &seeds(3), &Options::default(), |_| true).unwrap_err();
     let text = error.to_string();
     assert!(
         text.contains("action[0] of the policy in scenarios["),
@@ -457,7 +458,7 @@ fn nothing_is_flown_of_nothing() {
         recording: every_signal(1),
         ..Options::default()
     };
-    let flown = fly(&[], Controller::Law(&law), &[], &options, |_| true).unwrap();
+    let flown = fly(&[], &Pilot::law(&law).unwrap(), &[], &options, |_| true).unwrap();
     assert!(flown.metrics.is_empty());
     assert_eq!(flown.trajectories.unwrap().samples, 0);
 }

@@ -6,6 +6,7 @@ use drm_env::analysis::transitions::Transitions;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::config::distribution::Setting;
 use drm_env::config::parameter::{COUNT, Overrides, PARAMETERS};
+use drm_env::config::scenario::ValidScenario;
 use drm_env::config::{EnvConfig, Limits, ValidConfig};
 use drm_env::control::Law;
 use drm_env::control::mlp::{Activation, Layer, Network, Output};
@@ -13,7 +14,7 @@ use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
 use drm_env::reference::deployment::DeploymentMode;
 use drm_env::rollout::{
-    Controller, Options, Recording, SIGNAL_NAMES, Schedule, Trajectory, fly, simulate,
+    Options, Pilot, Recording, SIGNAL_NAMES, Schedule, Trajectory, fly, simulate,
 };
 use drm_env::simulation::metrics::Metrics;
 use drm_env::validity::{LARGEST_DEFLECTION, LARGEST_SLEW_ERROR};
@@ -115,8 +116,10 @@ fn rollouts_that_leave_the_limits_end_there_and_say_so() {
         rows: 1,
         hold: 1,
     };
-    for controller in [Controller::Law(&law), Controller::Schedule(schedule)] {
-        let flown = fly(&scenarios, controller, &seeds, &options, |_| true).expect("both fly");
+    let checked = ValidScenario::all(&scenarios).expect("both can be flown");
+    for pilot in [Pilot::law(&law), Pilot::schedule(schedule)] {
+        let pilot = pilot.expect("it can fly");
+        let flown = fly(&checked, &pilot, &seeds, &options, |_| true).expect("both fly");
         assert!(!flown.metrics[0].diverged);
         assert_void(&flown.metrics[1], 12.0);
         assert_eq!(flown.metrics[1].duration, alone.metrics.duration);
@@ -201,15 +204,10 @@ fn networks_end_at_the_limits_whatever_their_tasks() {
     };
     let network = Network::new(&[layer], Activation::Tanh, Output::Clip).expect("it is one");
     let held = ValidConfig::new(config.clone()).expect("it can be flown");
-    let controller = Controller::Network {
-        network: &network,
-        config: &held,
-    };
+    let pilot = Pilot::network(&network, &held).expect("it fits");
     let seeds = [Seed::from_u64(0); 2];
-    let scenarios = [runaway(); 2];
-    let flown = fly(&scenarios, controller, &seeds, &Options::default(), |_| {
-        true
-    });
+    let scenarios = ValidScenario::all(&[runaway(); 2]).expect("both can be flown");
+    let flown = fly(&scenarios, &pilot, &seeds, &Options::default(), |_| true);
     for metrics in flown.expect("both fly").metrics {
         assert_void(&metrics, 12.0);
         assert_eq!(metrics.duration, simulated(&runaway()).metrics.duration);

@@ -576,7 +576,7 @@ def reward_names() -> list[str]:
     """
 
 def rollout(
-    scenarios: SupportsGetItem[int, str],
+    scenarios: SupportsGetItem[int, str | Config],
     pilot: tuple[
         str | None, tuple[Network, Config] | None, tuple[NDArray[float64], SupportsIndex] | None
     ],
@@ -609,7 +609,7 @@ def signal_names() -> list[str]:
     """
 
 def simulate(
-    scenario: str, law: str, every: SupportsIndex, seed: bytes
+    scenario: str | Config, law: str, every: SupportsIndex, seed: bytes
 ) -> tuple[list[tuple[str, NDArray[float64]]], list[tuple[str, float]]]:
     """
     Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
@@ -625,7 +625,9 @@ def task_names() -> list[str]:
     Names of the tasks that have defaults.
     """
 
-def transitions(scenario: str, hold: SupportsIndex) -> tuple[int, int, list[NDArray[float64]]]:
+def transitions(
+    scenario: str | Config, hold: SupportsIndex
+) -> tuple[int, int, list[NDArray[float64]]]:
     """
     The discrete linear model of a manoeuvre every `hold` samples: size of the state, number of
     intervals, and flat arrays in the order of the engine's `Transitions`.

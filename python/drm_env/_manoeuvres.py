@@ -1,30 +1,29 @@
-"""Scenarios and laws as the text that the engine reads."""
+"""Scenarios and laws as the engine takes them."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
 
+from drm_env import _engine
 from drm_env.configuration import to_data
 from drm_env.errors import ConfigError
 from drm_env.resolved import ResolvedConfig
 
 
-def scenario_json(scenario: Any, name: str = "scenario") -> str:
+def engine_scenario(scenario: Any, name: str = "scenario") -> str | _engine.Config:
     """JSON text of a scenario given as a dict or dataclass (parts left out have their defaults).
+
+    A configuration that has been resolved is taken as it is: the engine has checked it, and says
+    whether it is one manoeuvre.
 
     Raises
     ------
     ConfigError
-        not a mapping, a value without a JSON form, or a configuration that draws its manoeuvres.
+        not a mapping, or a value without a JSON form.
     """
     if isinstance(scenario, ResolvedConfig):
-        if scenario.drawn:
-            raise ConfigError(
-                f"{name} must be one manoeuvre, got a configuration that draws "
-                f"{', '.join(scenario.drawn)}; see drm_env.sample_scenarios"
-            )
-        return json.dumps(scenario.to_dict()["scenario"])
+        return scenario.held
     data = to_data({} if scenario is None else scenario)
     if not isinstance(data, dict):
         raise ConfigError(f"{name} must be a mapping or a Scenario, got {type(scenario).__name__}")

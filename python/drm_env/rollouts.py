@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
-from drm_env._manoeuvres import check_decimation, law_json, scenario_json
+from drm_env._manoeuvres import check_decimation, engine_scenario, law_json
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
     ConfigLike,
@@ -243,8 +243,8 @@ def rollout(
         raise ConfigError(f"hold belongs to torques, got {hold!r} without torques")
     schedule = None if torques is None else _schedule(torques, hold, len(scenarios))
     pilot = _pilot(law, policy, schedule, task, config, options)
-    texts = [scenario_json(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
-    seeds = seeds_of(seed, len(texts))
-    rows, kept = _engine.rollout(texts, pilot, seeds, num_threads, progress, signals, decimation)
+    given = [engine_scenario(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
+    seeds = seeds_of(seed, len(given))
+    rows, kept = _engine.rollout(given, pilot, seeds, num_threads, progress, signals, decimation)
     metrics = dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
     return Rollout(metrics, dict(kept))

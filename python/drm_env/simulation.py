@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine
-from drm_env._manoeuvres import check_decimation, law_json, scenario_json
+from drm_env._manoeuvres import check_decimation, engine_scenario, law_json
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
     ConfigLike,
@@ -131,7 +131,7 @@ def simulate(
     """
     check_decimation(decimation)
     (first,) = seeds_of(seed, 1)
-    signals, metrics = _engine.simulate(scenario_json(scenario), law_json(law), decimation, first)
+    signals, metrics = _engine.simulate(engine_scenario(scenario), law_json(law), decimation, first)
     return Trajectory(dict(signals), dict(metrics))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine
-from drm_env._manoeuvres import scenario_json
+from drm_env._manoeuvres import engine_scenario
 from drm_env.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def transitions(
     """
     if isinstance(hold, bool) or not isinstance(hold, int) or hold < 1:
         raise ConfigError(f"hold must be a positive integer, got {hold!r}")
-    size, count, arrays = _engine.transitions(scenario_json(scenario), hold)
+    size, count, arrays = _engine.transitions(engine_scenario(scenario), hold)
     shapes = (
         (size,), (count, size, size), (count, size, 2), (count, size),
         (count, hold, size), (count, hold, 2), (count, hold),

@@ -7,7 +7,7 @@ use drm_env::Model as Engine;
 use drm_env::analysis::linearization::{INPUT_NAMES, OUTPUT_NAMES};
 use drm_env::analysis::transitions::Transitions;
 use drm_env::arm::{PayloadInertia, PayloadProperties};
-use drm_env::config::{ValidConfig, law_from_json, scenario_from_json};
+use drm_env::config::{ValidConfig, law_from_json};
 use drm_env::control::{
     KnownInertia, Law as EngineLaw, LawMemory, MEMORY_SIZE, Measurement, ServoMemory, ServoModel,
 };
@@ -23,7 +23,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, Out1, Out2};
-use crate::config::Config;
+use crate::config::{Config, Manoeuvre};
 use crate::env::scenario_text;
 use crate::error::{Outcome, check_shape, detached, guarded};
 
@@ -374,7 +374,7 @@ pub(crate) fn signal_names() -> Vec<&'static str> {
 #[allow(clippy::type_complexity)]
 pub(crate) fn simulate<'py>(
     py: Python<'py>,
-    scenario: &str,
+    scenario: Manoeuvre,
     law: &str,
     every: Count,
     seed: &[u8],
@@ -383,9 +383,9 @@ pub(crate) fn simulate<'py>(
     Vec<(&'static str, f64)>,
 )> {
     let flown = detached(py, || {
-        let scenario = scenario_from_json(scenario)?;
+        let scenario = scenario.scenario(None)?;
         let law = law_from_json(law)?;
-        flights::simulate(&scenario, &law, every.0, Seed::from_le_bytes(seed))
+        flights::simulate(scenario, &law, every.0, Seed::from_le_bytes(seed))
     })?;
     let signals = SIGNAL_NAMES.into_iter().zip(flown.signals);
     let metrics = METRIC_NAMES.into_iter().zip(flown.metrics.values());
@@ -403,12 +403,12 @@ pub(crate) fn simulate<'py>(
 #[allow(clippy::type_complexity)]
 pub(crate) fn transitions<'py>(
     py: Python<'py>,
-    scenario: &str,
+    scenario: Manoeuvre,
     hold: Count,
 ) -> Outcome<(usize, usize, Vec<Out1<'py, f64>>)> {
     let found = detached(py, || {
-        let scenario = scenario_from_json(scenario)?;
-        Transitions::of(&scenario, hold.0)
+        let scenario = scenario.scenario(None)?;
+        Transitions::of(scenario, hold.0)
     })?;
     let arrays = [
         found.start,

@@ -2,10 +2,11 @@
 
 use drm_env::config::options::OPTIONS;
 use drm_env::config::parameter::PARAMETERS;
-use drm_env::config::{EnvConfig, PRESETS, ValidConfig, context};
+use drm_env::config::scenario::ValidScenario;
+use drm_env::config::{EnvConfig, PRESETS, ValidConfig, context, scenario_from_json};
 use drm_env::env::observation;
 use drm_env::env::reward::REWARD_NAMES;
-use drm_env::error::Error;
+use drm_env::error::{ConfigError, Error};
 use drm_env::simulation::metrics::METRIC_NAMES;
 use pyo3::prelude::*;
 use serde_json::{Map, Value, json};
@@ -20,6 +21,37 @@ impl Config {
     /// What the engine holds.
     pub(crate) fn held(&self) -> &ValidConfig {
         &self.0
+    }
+}
+
+/// A manoeuvre: as JSON text, or that of a configuration that draws nothing.
+#[derive(FromPyObject)]
+pub(crate) enum Manoeuvre {
+    /// Is to be read and checked.
+    Text(String),
+    /// Has been checked.
+    Held(Py<Config>),
+}
+
+impl Manoeuvre {
+    /// What the engine flies: it is checked once. `name` is what it is called among others.
+    pub(crate) fn scenario(&self, name: Option<&str>) -> Result<ValidScenario, ConfigError> {
+        match self {
+            Self::Text(text) => scenario_from_json(text).map_err(|error| match name {
+                Some(name) => error.within(name),
+                None => error,
+            }),
+            Self::Held(config) => {
+                let config = config.get().held();
+                config.manoeuvre().ok_or_else(|| {
+                    let drawn = config.drawn().join(", ");
+                    let got =
+                        format!("a configuration that draws {drawn}; see drm_env.sample_scenarios");
+                    let name = name.unwrap_or("scenario");
+                    ConfigError::value(name, "must be one manoeuvre", got)
+                })
+            }
+        }
     }
 }
 
@@ -71,12 +103,7 @@ impl Config {
     /// Flat names of the parameters that are drawn for each episode.
     #[getter]
     fn drawn(&self) -> Vec<&'static str> {
-        let drawn = self.0.randomize.distributions();
-        PARAMETERS
-            .iter()
-            .zip(drawn)
-            .filter_map(|(parameter, distribution)| distribution.map(|_| parameter.name))
-            .collect()
+        self.0.drawn()
     }
 
     /// Parameters of the manoeuvre as far as it is not drawn, in the order of `context_names`.

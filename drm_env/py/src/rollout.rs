@@ -1,17 +1,16 @@
 //! Many manoeuvres flown from end to end, and the networks that may fly them.
 
-use drm_env::config::{ValidConfig, law_from_json, scenario_from_json};
-use drm_env::control::Law;
+use drm_env::config::law_from_json;
 use drm_env::control::mlp::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
-use drm_env::rollout::{self as flights, Controller, Options, Recording, Schedule};
+use drm_env::rollout::{self as flights, Options, Pilot, Recording, Schedule};
 use drm_env::{interruption, memory};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, In3, Out2};
-use crate::config::Config;
+use crate::config::{Config, Manoeuvre};
 use crate::error::{Failure, Outcome, check_shape, detached};
 use crate::threads::within_processors;
 
@@ -97,13 +96,6 @@ impl Network {
     }
 }
 
-/// Who flies a rollout.
-enum Pilot<'a> {
-    Law(Box<Law>),
-    Schedule(Schedule<'a>),
-    Network(&'a Engine, &'a ValidConfig),
-}
-
 /// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
 /// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
 /// `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
@@ -113,7 +105,7 @@ enum Pilot<'a> {
 #[allow(clippy::too_many_arguments, clippy::type_complexity)]
 pub(crate) fn rollout<'py>(
     py: Python<'py>,
-    scenarios: Vec<String>,
+    scenarios: Vec<Manoeuvre>,
     pilot: (
         Option<String>,
         Option<(Py<Network>, Py<Config>)>,
@@ -137,14 +129,18 @@ pub(crate) fn rollout<'py>(
         rows: torques.shape()[1],
         hold: hold.0,
     });
-    let (law, policy) = (&pilot.0, &pilot.1);
+    let (law_text, policy) = (&pilot.0, &pilot.1);
     let result = detached(py, || {
-        let pilot = match (law, policy, schedule) {
-            (Some(law), None, None) => Pilot::Law(Box::new(law_from_json(law)?)),
-            (None, Some((network, config)), None) => {
-                Pilot::Network(&network.get().0, config.get().held())
+        let law;
+        let pilot = match (law_text, policy, schedule) {
+            (Some(text), None, None) => {
+                law = law_from_json(text)?;
+                Pilot::law(&law)?
             }
-            (None, None, Some(schedule)) => Pilot::Schedule(schedule),
+            (None, Some((network, config)), None) => {
+                Pilot::network(&network.get().0, config.get().held())?
+            }
+            (None, None, Some(schedule)) => Pilot::schedule(schedule)?,
             _ => {
                 let message = "give a law, a policy or torques";
                 return Err(Error::from(ConfigError::form("pilot", message)));
@@ -156,9 +152,9 @@ pub(crate) fn rollout<'py>(
         let scenarios = scenarios
             .iter()
             .enumerate()
-            .map(|(i, text)| {
+            .map(|(i, manoeuvre)| {
                 interruption::poll();
-                scenario_from_json(text).map_err(|e| e.within(&format!("scenarios[{i}]")))
+                manoeuvre.scenario(Some(&format!("scenarios[{i}]")))
             })
             .collect::<Result<Vec<_>, _>>()?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
@@ -169,17 +165,12 @@ pub(crate) fn rollout<'py>(
             let outcome = Python::attach(|py| callback.call1(py, (flown, count)).map(drop));
             outcome.map_err(|error| raised = Some(error)).is_ok()
         };
-        let controller = match &pilot {
-            Pilot::Law(law) => Controller::Law(law),
-            Pilot::Schedule(schedule) => Controller::Schedule(*schedule),
-            Pilot::Network(network, config) => Controller::Network { network, config },
-        };
         let options = Options {
             threads: num_threads,
             recording,
             ..Options::default()
         };
-        flights::fly(&scenarios, controller, &seeds, &options, report)
+        flights::fly(&scenarios, &pilot, &seeds, &options, report)
     });
     if let Some(error) = raised {
         return Err(Failure::from(error));

@@ -2,7 +2,7 @@
 //! deviation from the reference and held wheel torques move the arm from one instant to the next, and
 //! the error of its tip in between.
 
-use crate::config::scenario::Scenario;
+use crate::config::scenario::ValidScenario;
 use crate::error::{ConfigError, Error, SimulationError};
 use crate::hardware::reaction_wheel::WheelTorques;
 use crate::hardware::reaction_wheel::{RootWheel, TipWheel};
@@ -65,8 +65,15 @@ impl Transitions {
     /// A scenario that cannot be flown; a hold that does not divide its samples; more than
     /// [`MAX_BYTES`]; an arm that leaves the limits of [`crate::validity`] from the reference within
     /// `hold` samples.
-    pub fn of(scenario: &Scenario, hold: usize) -> Result<Self, Error> {
-        let mut ideal = *scenario;
+    pub fn of(
+        scenario: impl TryInto<ValidScenario, Error: Into<ConfigError>>,
+        hold: usize,
+    ) -> Result<Self, Error> {
+        Self::of_valid(&scenario.try_into().map_err(Into::into)?, hold)
+    }
+
+    fn of_valid(scenario: &ValidScenario, hold: usize) -> Result<Self, Error> {
+        let mut ideal = **scenario;
         let RootWheel { torque_limit, .. } = ideal.root_wheel;
         ideal.root_wheel = RootWheel {
             torque_limit,
@@ -78,7 +85,6 @@ impl Transitions {
             ..TipWheel::default()
         };
         ideal.sensors = Sensors::default();
-        scenario.validate()?;
         let samples = ideal.samples();
         if !samples.is_multiple_of(hold) {
             let requirement = format!("must divide the {samples} samples of the manoeuvre");

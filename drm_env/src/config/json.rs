@@ -1,6 +1,6 @@
 //! Configurations from JSON text.
 
-use crate::config::scenario::Scenario;
+use crate::config::scenario::{Scenario, ValidScenario};
 use crate::control::Law;
 use crate::error::ConfigError;
 use serde::de::DeserializeOwned;
@@ -30,10 +30,9 @@ pub(crate) fn name_law(law: &mut Value) {
 ///
 /// # Errors
 /// Malformed text, unknown names, values of the wrong type or out of range; each with its path.
-pub fn scenario_from_json(text: &str) -> Result<Scenario, ConfigError> {
+pub fn scenario_from_json(text: &str) -> Result<ValidScenario, ConfigError> {
     let scenario: Scenario = typed(Value::Object(object("scenario", text)?))?;
-    scenario.validate()?;
-    Ok(scenario)
+    ValidScenario::new(scenario)
 }
 
 /// A law from JSON text: an object, or the bare name in quotes.

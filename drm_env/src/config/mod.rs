@@ -17,7 +17,7 @@ use serde_json::Value;
 use crate::config::distribution::Distribution;
 use crate::config::options::{apply_option, overlay, release_fixed};
 use crate::config::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
-use crate::config::scenario::Scenario;
+use crate::config::scenario::{Scenario, ValidScenario};
 use crate::control::Law;
 use crate::error::ConfigError;
 use crate::hardware::sensors::Sensors;
@@ -238,7 +238,7 @@ impl EnvConfig {
         let others: Vec<Scenario> = [&lowest, &highest]
             .into_iter()
             .filter(|ends| ends.validate().is_ok())
-            .chain(flyable.clone())
+            .chain(flyable.clone().map(|trial| &**trial))
             .copied()
             .collect();
         if others.is_empty() {
@@ -276,6 +276,15 @@ impl EnvConfig {
         }
     }
 
+    /// Flat names of the parameters that are drawn for each episode.
+    pub fn drawn(&self) -> Vec<&'static str> {
+        let drawn = self.randomize.distributions();
+        let named = PARAMETERS.iter().zip(drawn);
+        named
+            .filter_map(|(parameter, distribution)| distribution.map(|_| parameter.name))
+            .collect()
+    }
+
     /// Whether anything is drawn.
     fn draws(&self) -> bool {
         let drawn = self.randomize.distributions();
@@ -311,7 +320,7 @@ impl EnvConfig {
         seed: Seed,
         episode: u64,
         overrides: &[&Overrides],
-    ) -> Result<Scenario, ConfigError> {
+    ) -> Result<ValidScenario, ConfigError> {
         self.draw_within(MOST_ATTEMPTS, seed, episode, overrides)
     }
 
@@ -335,7 +344,7 @@ impl EnvConfig {
         seed: Seed,
         episode: u64,
         overrides: &[&Overrides],
-    ) -> Result<Scenario, ConfigError> {
+    ) -> Result<ValidScenario, ConfigError> {
         let drawn = |lists: &[&Overrides]| {
             let mut all = lists.iter().flat_map(|list| list.iter());
             all.any(|(_, distribution)| distribution.draws())
@@ -355,7 +364,7 @@ impl EnvConfig {
         episode: u64,
         attempt: u64,
         overrides: &[&Overrides],
-    ) -> Result<Scenario, ConfigError> {
+    ) -> Result<ValidScenario, ConfigError> {
         let mut scenario = self.scenario;
         let drawn = self.randomize.distributions();
         for (parameter, distribution) in PARAMETERS.iter().zip(drawn) {
@@ -376,8 +385,7 @@ impl EnvConfig {
         if mass_drawn {
             scenario.hide_dimensions();
         }
-        scenario.validate()?;
-        Ok(scenario)
+        ValidScenario::new(scenario)
     }
 
     /// Samples in a control period.

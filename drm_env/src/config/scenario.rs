@@ -1,5 +1,7 @@
 //! One manoeuvre as data: arm, payload true and reported, slew, deployment, wheels, sensors, plant.
 
+use std::ops::Deref;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +14,7 @@ use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::{RootWheel, TipWheel};
 use crate::hardware::sensors::Sensors;
 use crate::hardware::slew_motor::SlewMotor;
+use crate::interruption;
 use crate::math::runge_kutta::largest_stable_step;
 use crate::plant::consistent::CAPACITY;
 use crate::plant::thesis_modes::elastic_frequencies;
@@ -384,6 +387,67 @@ impl Scenario {
     /// Number of samples in the horizon.
     pub fn samples(&self) -> usize {
         (libm::round(self.horizon / self.sample_period) as usize).max(1)
+    }
+}
+
+/// A manoeuvre that can be flown. It is checked when it is made and cannot change, so that whoever takes
+/// one need not check it again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ValidScenario(Scenario);
+
+impl ValidScenario {
+    /// Checks a scenario.
+    ///
+    /// # Errors
+    /// See [`Scenario::validate`].
+    pub fn new(scenario: Scenario) -> Result<Self, ConfigError> {
+        scenario.validate()?;
+        Ok(Self(scenario))
+    }
+
+    /// A scenario that has been checked with the configuration that it is of.
+    pub(super) fn of_valid(scenario: Scenario) -> Self {
+        Self(scenario)
+    }
+
+    /// Checks many.
+    ///
+    /// # Errors
+    /// That of the first that cannot be flown, with its place.
+    pub fn all(scenarios: &[Scenario]) -> Result<Vec<Self>, ConfigError> {
+        let checked = scenarios.iter().enumerate().map(|(i, scenario)| {
+            interruption::poll();
+            Self::new(*scenario).map_err(|e| e.within(&format!("scenarios[{i}]")))
+        });
+        checked.collect()
+    }
+}
+
+impl TryFrom<&Scenario> for ValidScenario {
+    type Error = ConfigError;
+
+    fn try_from(scenario: &Scenario) -> Result<Self, ConfigError> {
+        Self::new(*scenario)
+    }
+}
+
+impl From<&ValidScenario> for ValidScenario {
+    fn from(scenario: &ValidScenario) -> Self {
+        *scenario
+    }
+}
+
+impl From<ValidScenario> for Scenario {
+    fn from(scenario: ValidScenario) -> Self {
+        scenario.0
+    }
+}
+
+impl Deref for ValidScenario {
+    type Target = Scenario;
+
+    fn deref(&self) -> &Scenario {
+        &self.0
     }
 }
 

@@ -5,6 +5,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 
 use crate::config::EnvConfig;
+use crate::config::scenario::ValidScenario;
 use crate::error::ConfigError;
 
 /// A configuration that can be flown. It is checked when it is made and cannot change, so that whoever
@@ -31,6 +32,12 @@ impl ValidConfig {
         options: Option<&str>,
     ) -> Result<Self, ConfigError> {
         EnvConfig::resolve(preset, config, options).map(|config| Self(Arc::new(config)))
+    }
+
+    /// The manoeuvre that its environments fly, if they draw nothing.
+    pub fn manoeuvre(&self) -> Option<ValidScenario> {
+        let fixed = self.drawn().is_empty();
+        fixed.then(|| ValidScenario::of_valid(self.scenario))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Where an environment is in its life, and what may be done to it there.
 
 use crate::config::parameter::Overrides;
-use crate::config::scenario::Scenario;
+use crate::config::scenario::ValidScenario;
 use crate::error::SimulationError;
 use crate::math::rng::Seed;
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,7 @@ pub(crate) struct Member {
 pub(crate) struct Draft {
     pub(crate) seed: Seed,
     pub(crate) episode: u64,
-    pub(crate) scenario: Scenario,
+    pub(crate) scenario: ValidScenario,
 }
 
 /// Refuses a step of an environment that is not running.

@@ -62,7 +62,7 @@ impl EnvPack<f64> {
                 phase: Phase::Fresh,
                 persistent: Overrides::new(),
             }],
-            flight: Flight::new(Plan::of_valid(&scenario)?, noise)?,
+            flight: Flight::new(Plan::new(scenario)?, noise)?,
             payload: [0.0; 3],
             steps: 0.0,
             action: [0.0; 3],
@@ -201,7 +201,7 @@ pub fn sample_scenarios(config: &EnvConfig, seeds: &[Seed]) -> Result<Vec<Scenar
         .iter()
         .map(|&seed| {
             interruption::poll();
-            config.draw(seed, 0, &[])
+            config.draw(seed, 0, &[]).map(Scenario::from)
         })
         .collect()
 }

@@ -154,7 +154,7 @@ impl<T: Number> EnvPack<T> {
     /// Parameters that no arm has; nothing has changed then.
     pub(crate) fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
         let noise = Stream::new(draft.seed, draft.episode, Purpose::Sensors);
-        let flight = Flight::new(Plan::of_valid(&draft.scenario)?, noise)?;
+        let flight = Flight::new(Plan::new(draft.scenario)?, noise)?;
         let payload = told_payload(&draft.scenario, &self.setup.config.task)?;
         self.start(lane, &flight, payload, draft.seed, draft.episode);
         Ok(())

@@ -1,6 +1,7 @@
 //! Manoeuvres under a law or under given torques, side by side.
 
 use crate::control::Law;
+use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::WheelTorques;
 use crate::simd::Number;
 use crate::simd::dispatch::Vector;
@@ -17,8 +18,8 @@ use super::recorder::Recorder;
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
 
-/// Where the torques of a sample come from. One type: each further kind of controller compiles the
-/// whole step anew.
+/// [`Commands`] for the lanes of a flight, or somebody else's. One type: each further kind of
+/// controller compiles the whole step anew.
 pub(crate) enum Source<'a, T> {
     /// A law.
     Law(&'a Law),
@@ -75,11 +76,37 @@ impl<T: Number> Given<T> for ScheduledTorques<'_> {
     }
 }
 
-/// What all manoeuvres of a rollout are flown under.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Command<'a> {
+impl Schedule<'_> {
+    /// Refuses torques that are not finite, or held for no sample.
+    pub(super) fn validate(&self) -> Result<(), ConfigError> {
+        if self.hold == 0 {
+            let requirement = "must be at least 1 sample";
+            return Err(ConfigError::value("hold", requirement, self.hold));
+        }
+        let mut torques = self.torques.iter().flatten();
+        torques
+            .find(|value| !value.is_finite())
+            .map_or(Ok(()), |value| {
+                Err(ConfigError::value("torques", "must be finite", *value))
+            })
+    }
+
+    /// Refuses torques of another number of manoeuvres.
+    pub(super) fn check_count(&self, count: usize) -> Result<(), ConfigError> {
+        let (rows, got) = (self.rows, self.torques.len());
+        if got == count * rows {
+            return Ok(());
+        }
+        let requirement = format!("must have {} rows, {rows} for each scenario", count * rows);
+        Err(ConfigError::value("torques", requirement, got))
+    }
+}
+
+/// Where the wheels' torques of a rollout come from.
+#[derive(Debug)]
+pub(super) enum Commands<'a> {
     Law(&'a Law),
-    Schedule(&'a Schedule<'a>),
+    Schedule(Schedule<'a>),
 }
 
 /// A manoeuvre in one lane: its place in the list, and the samples that are left of it.
@@ -90,7 +117,7 @@ pub(super) struct Place {
 }
 
 /// Flies manoeuvres side by side until there are no more: a lane that has ended takes the next one.
-pub(super) fn fly<T: Vector>(queue: &Queue<'_>, command: Command<'_>) {
+pub(super) fn fly<T: Vector>(queue: &Queue<'_>, commands: &Commands<'_>) {
     let Some((index, first)) = queue.take() else {
         return;
     };
@@ -108,14 +135,14 @@ pub(super) fn fly<T: Vector>(queue: &Queue<'_>, command: Command<'_>) {
                         *taken = Some(place(index, &next));
                         flight.put(lane, &next);
                     }
-                    Some((index, next)) => fly_alone(queue, index, next, command),
+                    Some((index, next)) => fly_alone(queue, index, next, commands),
                 }
             }
         }
         if queue.stopped() || lanes.iter().all(Option::is_none) {
             return;
         }
-        leg(queue, command, &mut flight, &mut lanes, recorder.as_mut());
+        leg(queue, commands, &mut flight, &mut lanes, recorder.as_mut());
     }
 }
 
@@ -125,18 +152,18 @@ fn place(index: usize, flight: &Flight<f64>) -> Place {
 }
 
 /// Flies one manoeuvre whose equations or samples are not those of the others.
-fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, command: Command<'_>) {
+fn fly_alone(queue: &Queue<'_>, index: usize, mut flight: Flight<f64>, commands: &Commands<'_>) {
     let mut lanes = [Some(place(index, &flight))];
     let mut recorder = queue.recorder(1);
     while lanes[0].is_some() && !queue.stopped() {
-        leg(queue, command, &mut flight, &mut lanes, recorder.as_mut());
+        leg(queue, commands, &mut flight, &mut lanes, recorder.as_mut());
     }
 }
 
 /// Flies until a lane ends or it is time for a look, and hands in those that have ended.
 fn leg<T: Vector>(
     queue: &Queue<'_>,
-    command: Command<'_>,
+    commands: &Commands<'_>,
     flight: &mut Flight<T>,
     lanes: &mut [Option<Place>],
     mut recorder: Option<&mut Recorder<'_>>,
@@ -150,9 +177,9 @@ fn leg<T: Vector>(
         recorder.look_again();
     }
     let mut played;
-    let source = match command {
-        Command::Law(law) => Source::Law(law),
-        Command::Schedule(schedule) => {
+    let source = match commands {
+        Commands::Law(law) => Source::Law(law),
+        Commands::Schedule(schedule) => {
             played = ScheduledTorques { schedule, lanes };
             Source::Given(&mut played)
         }

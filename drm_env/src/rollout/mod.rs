@@ -4,6 +4,7 @@
 
 pub(crate) mod law;
 mod network;
+mod pilot;
 mod queue;
 mod recorder;
 mod trajectory;
@@ -12,42 +13,22 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
-use crate::config::ValidConfig;
-use crate::config::scenario::Scenario;
+use crate::config::scenario::{Scenario, ValidScenario};
 use crate::control::Law;
-use crate::control::mlp::Network;
 use crate::env::any_pack::widths;
 use crate::error::{ConfigError, Error, SimulationError};
 use crate::interruption::{self, Flag};
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
-use crate::simd::dispatch::Vector;
 use crate::simd::{Instructions, Pack};
 use crate::simulation::metrics::Metrics;
 
-use network::Autonomy;
 use queue::{Ended, Queue};
 
 pub use law::Schedule;
+pub use pilot::Pilot;
 pub use recorder::{Recording, Trajectories};
 pub use trajectory::{MAX_BYTES, SIGNAL_NAMES, Trajectory, signals, simulate};
-
-/// Who decides.
-#[derive(Debug, Clone, Copy)]
-pub enum Controller<'a> {
-    /// A law, at the sample period; nothing is paid and no limit but those of [`crate::validity`] watched.
-    Law(&'a Law),
-    /// Torques that are given beforehand.
-    Schedule(Schedule<'a>),
-    /// A network that acts on the observations of an environment: its episodes are those of [`crate::Env`]
-    /// with each scenario in the place of the one that the configuration draws.
-    Network {
-        /// As many inputs as the observation has entries, as many outputs as there are actuators.
-        network: &'a Network,
-        /// What the network does, sees and is paid for is its task.
-        config: &'a ValidConfig,
-    },
-}
 
 /// How a rollout is flown.
 #[derive(Debug, Clone)]
@@ -89,7 +70,7 @@ const WAITING_RESULTS: usize = 256;
 /// [`fly`] under a law, for the metrics alone.
 ///
 /// # Errors
-/// See [`fly`].
+/// A scenario or law that cannot be used, and see [`fly`].
 pub fn rollout(
     scenarios: &[Scenario],
     law: &Law,
@@ -101,7 +82,8 @@ pub fn rollout(
         threads,
         ..Options::default()
     };
-    let flown = fly(scenarios, Controller::Law(law), seeds, &options, progress)?;
+    let scenarios = ValidScenario::all(scenarios)?;
+    let flown = fly(&scenarios, &Pilot::law(law)?, seeds, &options, progress)?;
     Ok(flown.metrics)
 }
 
@@ -111,27 +93,27 @@ pub fn rollout(
 /// [`interruption`]). A manoeuvre that diverges ends there and says so.
 ///
 /// # Errors
-/// A scenario, law, network or option that cannot be used, before anything is flown; actions of the
-/// network that are not finite; an interruption.
+/// A scenario that the pilot cannot fly, or an option that cannot be used, before anything is flown;
+/// actions of a network that are not finite; an interruption.
 pub fn fly(
-    scenarios: &[Scenario],
-    controller: Controller<'_>,
+    scenarios: &[ValidScenario],
+    pilot: &Pilot<'_>,
     seeds: &[Seed],
     options: &Options,
     mut progress: impl FnMut(usize) -> bool,
 ) -> Result<Flown, Error> {
-    fly_watched(scenarios, controller, seeds, options, &mut progress)
+    fly_watched(scenarios, pilot, seeds, options, &mut progress)
 }
 
 /// [`fly`], once for every type of `progress`: or each crate that calls it would compile it anew.
 fn fly_watched(
-    scenarios: &[Scenario],
-    controller: Controller<'_>,
+    scenarios: &[ValidScenario],
+    pilot: &Pilot<'_>,
     seeds: &[Seed],
     options: &Options,
     progress: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Flown, Error> {
-    let controller = ready(scenarios, controller)?;
+    pilot.check(scenarios)?;
     if seeds.len() != scenarios.len() {
         return Err(SimulationError::Length {
             name: "seeds",
@@ -179,15 +161,14 @@ fn fly_watched(
                 stop: &stop,
                 done: done.clone(),
             };
-            let controller = &controller;
             let builder = std::thread::Builder::new().name(format!("rollout-{thread}"));
             let fly = move || match width {
                 #[cfg(target_arch = "x86_64")]
-                Some(8) => controller.fly::<crate::simd::x86::Wide8>(&queue),
+                Some(8) => pilot.fly::<crate::simd::x86::Wide8>(&queue),
                 #[cfg(target_arch = "x86_64")]
-                Some(4) => controller.fly::<crate::simd::x86::Wide4>(&queue),
-                Some(2) => controller.fly::<Pack<2>>(&queue),
-                _ => controller.fly::<f64>(&queue),
+                Some(4) => pilot.fly::<crate::simd::x86::Wide4>(&queue),
+                Some(2) => pilot.fly::<Pack<2>>(&queue),
+                _ => pilot.fly::<f64>(&queue),
             };
             let flag = Flag::of(&stop);
             let started = builder.spawn_scoped(scope, move || {
@@ -249,76 +230,6 @@ fn collect(
         progress(count);
     }
     failure
-}
-
-/// A controller that has been checked against the scenarios.
-enum PreparedController<'a> {
-    Law(&'a Law),
-    Schedule(Schedule<'a>),
-    Network(Box<Autonomy<'a>>),
-}
-
-impl PreparedController<'_> {
-    fn fly<T: Vector>(&self, queue: &Queue<'_>) {
-        match self {
-            Self::Law(law) => law::fly::<T>(queue, law::Command::Law(law)),
-            Self::Schedule(schedule) => law::fly::<T>(queue, law::Command::Schedule(schedule)),
-            Self::Network(autonomy) => autonomy.fly::<T>(queue),
-        }
-    }
-}
-
-/// Refuses what cannot be flown.
-fn ready<'a>(
-    scenarios: &[Scenario],
-    controller: Controller<'a>,
-) -> Result<PreparedController<'a>, ConfigError> {
-    let ready = match controller {
-        Controller::Law(law) => {
-            law.validate()?;
-            PreparedController::Law(law)
-        }
-        Controller::Schedule(schedule) => {
-            check_schedule(&schedule, scenarios.len())?;
-            PreparedController::Schedule(schedule)
-        }
-        Controller::Network { network, config } => {
-            PreparedController::Network(Box::new(Autonomy::new(network, config)?))
-        }
-    };
-    for (i, scenario) in scenarios.iter().enumerate() {
-        interruption::poll();
-        let checked = scenario.validate().and_then(|()| match &ready {
-            PreparedController::Law(_) | PreparedController::Schedule(_) => Ok(()),
-            PreparedController::Network(autonomy) => autonomy.check(scenario),
-        });
-        checked.map_err(|e| e.within(&format!("scenarios[{i}]")))?;
-    }
-    Ok(ready)
-}
-
-/// Refuses torques that do not fit so many manoeuvres or are not finite.
-fn check_schedule(schedule: &Schedule<'_>, count: usize) -> Result<(), ConfigError> {
-    let Schedule {
-        torques,
-        rows,
-        hold,
-    } = *schedule;
-    if hold == 0 {
-        return Err(ConfigError::value(
-            "hold",
-            "must be at least 1 sample",
-            hold,
-        ));
-    }
-    if torques.len() != count * rows {
-        let requirement = format!("must have {} rows, {rows} for each scenario", count * rows);
-        return Err(ConfigError::value("torques", requirement, torques.len()));
-    }
-    let wrong = torques.iter().flatten().find(|value| !value.is_finite());
-    wrong.map_or(Ok(()), |value| {
-        Err(ConfigError::value("torques", "must be finite", *value))
-    })
 }
 
 /// The sensors' noise of a manoeuvre: that of an environment's first episode with this seed.

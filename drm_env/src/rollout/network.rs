@@ -20,7 +20,8 @@ use super::queue::{Ended, Queue};
 use super::recorder::Recorder;
 
 /// A network and the task it flies.
-pub(super) struct Autonomy<'a> {
+#[derive(Debug)]
+pub(super) struct NetworkPilot<'a> {
     network: &'a Network,
     setup: Arc<Setup>,
     /// An environment of the task, whose episode is replaced by each manoeuvre.
@@ -29,7 +30,7 @@ pub(super) struct Autonomy<'a> {
     drives_slew: bool,
 }
 
-impl<'a> Autonomy<'a> {
+impl<'a> NetworkPilot<'a> {
     /// Puts a network into the task of a configuration.
     ///
     /// # Errors
@@ -118,7 +119,7 @@ impl<'a> Autonomy<'a> {
 
 /// Episodes in flight, one a lane.
 struct Team<'a, 'b, T: Vector> {
-    autonomy: &'a Autonomy<'a>,
+    pilot: &'a NetworkPilot<'a>,
     queue: &'a Queue<'b>,
     pack: EnvPack<T>,
     /// Places in the list.
@@ -135,21 +136,21 @@ struct Team<'a, 'b, T: Vector> {
 impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
     /// An episode at its beginning in the first lane; the others are empty.
     fn new(
-        autonomy: &'a Autonomy<'a>,
+        pilot: &'a NetworkPilot<'a>,
         queue: &'a Queue<'b>,
         index: usize,
         flight: &Flight<f64>,
     ) -> Self {
-        let mut single = autonomy.template.clone();
+        let mut single = pilot.template.clone();
         // in the template's place, for its equations may be others
         single.flight.clone_from(flight);
-        let payload = autonomy.told(queue, index);
+        let payload = pilot.told(queue, index);
         single.start(0, flight, payload, queue.seeds[index], 0);
-        let network = autonomy.network;
+        let network = pilot.network;
         let mut lanes = vec![None; T::WIDTH];
         lanes[0] = Some(index);
         Self {
-            autonomy,
+            pilot,
             queue,
             pack: EnvPack::spread(&single),
             lanes,
@@ -162,7 +163,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
     }
 
     fn begin(&mut self, lane: usize, index: usize, flight: &Flight<f64>) {
-        let payload = self.autonomy.told(self.queue, index);
+        let payload = self.pilot.told(self.queue, index);
         let seed = self.queue.seeds[index];
         self.pack.start(lane, flight, payload, seed, 0);
         self.lanes[lane] = Some(index);
@@ -177,7 +178,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
             return false;
         }
         let acted = T::enter(Act {
-            network: self.autonomy.network,
+            network: self.pilot.network,
             observations: &self.pack.observations,
             inputs: &mut self.inputs,
             scratch: &mut self.scratch,
@@ -202,7 +203,7 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
             let Some(index) = self.lanes[lane].take() else {
                 continue;
             };
-            let (flight, driven) = (&self.pack.flight, self.autonomy.drives_slew);
+            let (flight, driven) = (&self.pack.flight, self.pilot.drives_slew);
             let rows = self
                 .recorder
                 .as_mut()

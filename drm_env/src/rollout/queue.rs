@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
-use crate::config::scenario::Scenario;
+use crate::config::scenario::ValidScenario;
 use crate::error::Error;
 use crate::math::rng::Seed;
 use crate::simulation::metrics::Metrics;
@@ -23,7 +23,7 @@ pub(super) struct Ended {
 pub(super) type Report = (usize, Result<Ended, Error>);
 
 pub(super) struct Queue<'a> {
-    pub(super) scenarios: &'a [Scenario],
+    pub(super) scenarios: &'a [ValidScenario],
     pub(super) seeds: &'a [Seed],
     pub(super) recording: Option<&'a Recording>,
     pub(super) next: &'a AtomicUsize,
@@ -40,8 +40,8 @@ impl<'a> Queue<'a> {
             }
             let index = self.next.fetch_add(1, Ordering::Relaxed);
             let scenario = self.scenarios.get(index)?;
-            let flight = Plan::of_valid(scenario)
-                .and_then(|plan| Flight::new(plan, noise(self.seeds[index])));
+            let flight =
+                Plan::new(scenario).and_then(|plan| Flight::new(plan, noise(self.seeds[index])));
             match flight {
                 Ok(flight) => return Some((index, flight)),
                 Err(error) => {

@@ -1,6 +1,6 @@
 //! Keeping signals of many manoeuvres while they fly.
 
-use crate::config::scenario::Scenario;
+use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::interruption;
 use crate::memory;
@@ -73,7 +73,10 @@ impl Trajectories {
     ///
     /// # Errors
     /// More than [`MAX_BYTES`], or more than the system gives.
-    pub(super) fn new(recording: &Recording, scenarios: &[Scenario]) -> Result<Self, ConfigError> {
+    pub(super) fn new(
+        recording: &Recording,
+        scenarios: &[ValidScenario],
+    ) -> Result<Self, ConfigError> {
         let rows = scenarios.iter().map(|scenario| recording.rows(scenario));
         let samples = rows.max().unwrap_or(0);
         let numbers = scenarios.len() as u128 * samples as u128;

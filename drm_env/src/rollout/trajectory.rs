@@ -1,6 +1,6 @@
 //! The signals of a manoeuvre, and one manoeuvre with all of them.
 
-use crate::config::scenario::Scenario;
+use crate::config::scenario::ValidScenario;
 use crate::control::Law;
 use crate::error::{ConfigError, Error};
 use crate::interruption;
@@ -132,7 +132,18 @@ pub(super) fn last_row<T: Number>(flight: &Flight<T>, lane: usize, driven: bool)
 /// # Errors
 /// A scenario or law that cannot be used.
 pub fn simulate(
-    scenario: &Scenario,
+    scenario: impl TryInto<ValidScenario, Error: Into<ConfigError>>,
+    law: &Law,
+    every: usize,
+    seed: Seed,
+) -> Result<Trajectory, Error> {
+    let scenario = scenario.try_into().map_err(Into::into)?;
+    simulate_valid(&scenario, law, every, seed)
+}
+
+/// [`simulate`], once for every crate that calls it.
+fn simulate_valid(
+    scenario: &ValidScenario,
     law: &Law,
     every: usize,
     seed: Seed,

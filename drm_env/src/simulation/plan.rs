@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::arm::PayloadProperties;
 use crate::config::distribution::Setting;
 use crate::config::parameter::PARAMETERS;
-use crate::config::scenario::Scenario;
+use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::hardware::delay::Delays;
 use crate::hardware::reaction_wheel::Wheel;
@@ -80,19 +80,19 @@ impl Plan {
     ///
     /// # Errors
     /// A scenario that cannot be flown.
-    pub fn new(scenario: &Scenario) -> Result<Self, ConfigError> {
-        scenario.validate()?;
-        Self::of_valid(scenario)
+    pub fn new(
+        scenario: impl TryInto<ValidScenario, Error: Into<ConfigError>>,
+    ) -> Result<Self, ConfigError> {
+        Self::of_valid(&scenario.try_into().map_err(Into::into)?)
     }
 
-    /// [`Plan::new`] of a scenario that has been validated.
-    pub(crate) fn of_valid(scenario: &Scenario) -> Result<Self, ConfigError> {
+    fn of_valid(scenario: &ValidScenario) -> Result<Self, ConfigError> {
         let payload = scenario.true_payload()?;
         let reported = scenario.reported()?;
         let duration = scenario.deployment_time(&reported);
         let (root, tip) = (scenario.root_wheel.wheel(), scenario.tip_wheel.wheel());
         Ok(Self {
-            scenario: *scenario,
+            scenario: **scenario,
             payload,
             reported,
             timeline: Arc::new(Timeline::new(
@@ -164,9 +164,8 @@ mod tests {
         let config = EnvConfig::default();
         let base = config.scenario;
         for seed in 0..20 {
-            let mut scenario = config
-                .draw(Seed::from_u64(seed), 0, &[])
-                .expect("it can be drawn");
+            let drawn = config.draw(Seed::from_u64(seed), 0, &[]);
+            let mut scenario = Scenario::from(drawn.expect("it can be drawn"));
             let kept = ScenarioDelta::beside(&base, &scenario);
             assert!(matches!(&kept, ScenarioDelta::Differences(list) if list.len() <= 5));
             assert_eq!(kept.scenario(&base), scenario);
