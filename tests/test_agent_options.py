@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines import PolicyError, make_policy
+from drm_env import constants
 
 
 def identified(error: float, seconds: float, **options: object) -> float:
@@ -30,6 +32,55 @@ def test_momentum_tells_the_true_mass(error: float) -> None:
     """Dimensions known: what is identified is true / reported - 1, up to the vibration."""
     found = identified(error, 5.0, payload_length=1.0, payload_width=0.5)
     assert found == pytest.approx(1.0 / (1.0 + error) - 1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("inertia", ["full", "slender"])
+def test_slopes_of_the_identified_error_are_its_differences(inertia: str) -> None:
+    """The balance of angular momentum written down anew, the inertia by its particles."""
+    config = drm_env.resolve(observe_identified=True, payload_inertia=inertia)
+    arm = config.config.scenario.arm
+    rng = np.random.default_rng(4)
+    extension = rng.uniform(1.0, 8.0, 20)
+    ranges = ((50.0, 500.0), (0.1, 2.0), (0.1, 1.0))
+    payload = np.column_stack([rng.uniform(low, high, 20) for low, high in ranges])
+    mass, length, width = payload.T
+    reach = arm.link1.length + extension
+
+    def line(density: float, begin: NDArray, end: NDArray) -> NDArray:
+        """Moment of inertia of a straight link, by the midpoints of its particles."""
+        parts = (np.arange(20_000) + 0.5) / 20_000
+        places = begin[:, None] + (end - begin)[:, None] * parts
+        return density * (end - begin) * (places**2).mean(axis=1)
+
+    centre = length**2 + (width**2 if inertia == "full" else 0.0)
+    of_payload = mass * ((reach + length / 2.0) ** 2 + centre / 12.0)
+    reported = of_payload + line(
+        arm.link1.mass_per_length, 0.0 * reach, 0.0 * reach + arm.link1.length
+    )
+    reported += line(arm.link2.mass_per_length, reach - arm.link2.length, reach)
+    rate = rng.choice([-1.0, 1.0], 20) * rng.uniform(0.05, 0.3, 20)
+
+    def error(rate: NDArray, of_wheels: float = 0.0) -> NDArray:
+        return ((momentum - of_wheels) / rate - reported) / of_payload
+
+    momentum = reported * rate * (1.0 + rng.uniform(-0.2, 0.2, 20))
+    by_rate, by_momentum = config.identification_slopes(error(rate), rate, extension, payload)
+    step = 1e-6
+    expected = (error(rate + step) - error(rate - step)) / (2.0 * step)
+    np.testing.assert_allclose(by_rate, expected, rtol=1e-6)
+    expected = (error(rate, 1.0) - error(rate, -1.0)) / 2.0
+    np.testing.assert_allclose(by_momentum, expected, rtol=1e-6)
+
+
+def test_what_is_not_identified_has_no_slope() -> None:
+    config = drm_env.resolve(observe_identified=True)
+    limit, slowest = constants.LARGEST_IDENTIFIED_ERROR, constants.SLOWEST_IDENTIFICATION
+    payload = [[200.0, 1.0, 0.5]] * 4 + [[0.0, 0.0, 0.0]]
+    errors, rates = [0.1, limit, -limit, 0.1, 0.0], [0.1, 0.1, 0.1, 0.99 * slowest, 0.1]
+    by_rate, by_momentum = config.identification_slopes(errors, rates, [3.0] * 5, payload)
+    assert (by_rate != 0.0).tolist() == (by_momentum != 0.0).tolist() == [True] + [False] * 4
+    with pytest.raises(drm_env.ConfigError, match=r"payload \(n, 3\), got .*\(4, 3\)"):
+        config.identification_slopes(errors, rates, [3.0] * 5, payload[:4])
 
 
 def test_identification_needs_an_open_loop_slew() -> None:

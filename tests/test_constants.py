@@ -61,6 +61,17 @@ def test_the_identified_error_is_zero_below_and_limited_above() -> None:
     assert abs(seen(1.01 * slow, 200.0)) == pytest.approx(constants.LARGEST_IDENTIFIED_ERROR)
 
 
+def test_the_end_of_a_link_is_deflected_by_its_shape() -> None:
+    # the assumed shape of appendix B: y = 3 u^2 - u^3 of the link's coordinate
+    assert constants.LINK_END_DEFLECTION == 3.0 * 1.0**2 - 1.0**3
+    flown = drm_env.simulate({"horizon": 0.5})
+    deflection = constants.LINK_END_DEFLECTION * flown["beta"]
+    assert np.abs(deflection).max() > 0.0
+    np.testing.assert_array_equal(flown["link2_tip_deflection"], deflection)
+    tip = deflection + constants.LINK_END_DEFLECTION * flown["alpha"]
+    np.testing.assert_allclose(flown["tip_deflection"], tip, rtol=1e-14, atol=1e-18)
+
+
 def test_sizes_and_periods_are_those_of_what_flies() -> None:
     batch = drm_env.DrmVectorEnv(2)
     batch.reset(seed=0)

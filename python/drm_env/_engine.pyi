@@ -13,6 +13,7 @@ __all__ = [
     "LARGEST_IDENTIFIED_ERROR",
     "LAW_MEMORY",
     "LAW_PERIOD",
+    "LINK_END_DEFLECTION",
     "SCHEDULED_EXTENSION_SCALE",
     "SCHEDULED_MASS_SCALE",
     "SLOWEST_IDENTIFICATION",
@@ -67,6 +68,11 @@ Numbers that a law remembers.
 LAW_PERIOD: Final[float]
 """
 Sampling period that the thesis' gains were chosen for, s.
+"""
+
+LINK_END_DEFLECTION: Final[float]
+"""
+Deflection of a link's end per unit of its coordinate.
 """
 
 SCHEDULED_EXTENSION_SCALE: Final[float]
@@ -258,6 +264,11 @@ class Config:
     def horizon_steps(self, /) -> int:
         """
         Actions in an episode that is not cut short.
+        """
+    def identification_slopes(self, /, seen: NDArray[float64]) -> NDArray[float64]:
+        """
+        Derivatives of the identified mass error by slew rate and by the momentum of either wheel, a row an
+        observation; `seen` has the columns error, slew rate, extension, payload mass, length and width.
         """
     def observation_layout(self, /) -> list[tuple[str, str, float, float, float]]:
         """

@@ -15,6 +15,7 @@ __all__ = [
     "LARGEST_IDENTIFIED_ERROR",
     "LAW_NAMES",
     "LAW_PERIOD",
+    "LINK_END_DEFLECTION",
     "PAYLOAD_INERTIAS",
     "SCHEDULED_EXTENSION_SCALE",
     "SCHEDULED_MASS_SCALE",
@@ -35,6 +36,10 @@ LAW_NAMES: tuple[str, ...] = tuple(_engine.law_names())
 
 LAW_PERIOD: float = _engine.LAW_PERIOD
 """Sampling period that the thesis' gains were chosen for (thesis section 4.1), s."""
+
+LINK_END_DEFLECTION: float = _engine.LINK_END_DEFLECTION
+"""Deflection of a link's end, m, per unit of its coordinate alpha or beta in the thesis' plant: the
+assumed shape 3 u^2 - u^3 at u = 1."""
 
 SIGNAL_NAMES: tuple[str, ...] = tuple(_engine.signal_names())
 """The signals of a trajectory, in order: what `rollout` can keep."""

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, NoReturn, final
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
 from drm_env._spaces import ObservationEntry, action_box, observation_box
 from drm_env._typed import config_from_json
+from drm_env.errors import ConfigError
 
 if TYPE_CHECKING:
     from drm_env._config import EnvConfig
@@ -161,6 +163,51 @@ class ResolvedConfig:
     def observation_layout(self) -> tuple[ObservationEntry, ...]:
         """Name, unit, scale and bounds of each entry of the observation, in order."""
         return tuple(ObservationEntry(*entry) for entry in self.held.observation_layout())
+
+    def identification_slopes(
+        self,
+        identified_mass_error: ArrayLike,
+        slew_rate: ArrayLike,
+        extension: ArrayLike,
+        payload: ArrayLike,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How the entry ``identified_mass_error`` of an observation depends on what is measured.
+
+        Parameters
+        ----------
+        identified_mass_error
+            the entry in its unit, shape (n,).
+        slew_rate
+            as measured, rad/s, shape (n,).
+        extension
+            of link 2, m, shape (n,).
+        payload
+            what the observation tells of it: mass (kg), length and width (m), shape (n, 3).
+
+        Returns
+        -------
+        by_rate, by_momentum
+            the derivatives by the slew rate, s/rad, and by the stored momentum of either wheel,
+            1/(N m s), each of shape (n,); 0 where nothing is identified or the error is limited.
+
+        Raises
+        ------
+        ConfigError
+            arrays of other or of different shapes.
+        """
+        columns = [
+            np.asarray(values, dtype=np.float64)
+            for values in (identified_mass_error, slew_rate, extension)
+        ]
+        told = np.asarray(payload, dtype=np.float64)
+        shapes = [column.shape for column in columns]
+        if len(set(shapes)) != 1 or len(shapes[0]) != 1 or told.shape != (*shapes[0], 3):
+            raise ConfigError(
+                "identified_mass_error, slew_rate and extension must have one shape (n,) and "
+                f"payload (n, 3), got {', '.join(map(str, (*shapes, told.shape)))}"
+            )
+        slopes = self.held.identification_slopes(np.column_stack([*columns, told]))
+        return slopes[:, 0], slopes[:, 1]
 
     @property
     def observation_space(self) -> gym.spaces.Box[np.float32]:

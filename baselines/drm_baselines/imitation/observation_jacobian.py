@@ -13,19 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 import drm_env
-from drm_env.constants import FINE_SCALES, LARGEST_IDENTIFIED_ERROR, SLOWEST_IDENTIFICATION
+from drm_env.constants import FINE_SCALES, LINK_END_DEFLECTION
 
 Array = NDArray[np.float32]
 
 SEEN = (0, 2, 3, 5)
 """Entries of the state (slew error, deflection coordinates, their rates) that sensors measure."""
 
-_LINK2 = 2.0  # m of deflection of link 2's end per unit of its coordinate (thesis, assumed shapes)
 _MEASURED = (  # entry, its quantity among the eight, what it is of it
     ("slew_error", 0, 1.0),
-    ("link2_deflection", 1, _LINK2),
+    ("link2_deflection", 1, LINK_END_DEFLECTION),
     ("slew_error_rate", 2, 1.0),
-    ("link2_deflection_rate", 3, _LINK2),
+    ("link2_deflection_rate", 3, LINK_END_DEFLECTION),
 )
 
 
@@ -63,7 +62,7 @@ class Sensing:
     def __init__(self, config: Mapping[str, Any]) -> None:
         resolved = drm_env.resolve(config=config)
         layout = resolved.observation_layout
-        self._arm = resolved.config.scenario.arm
+        self._resolved = resolved
         self.history = int(resolved.config.task.observation_history)
         self.entries = len(layout)
         self._frame = self.entries // self.history
@@ -116,21 +115,15 @@ class Sensing:
     def _identification(
         self, observations: Array, age: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the slopes of the identified mass error: (M / rate - I) / payload's share of I."""
+        """Return the slopes of the identified mass error by slew rate and by stored momentum."""
 
         def value(name: str) -> NDArray[np.float64]:
             return self.values(observations, name, age)
 
-        rate, error = value("slew_rate"), value("identified_mass_error")
-        mass, length, width = (value(f"payload_{name}") for name in ("mass", "length", "width"))
-        link1, link2 = self._arm.link1, self._arm.link2
-        reach = link1.length + value("extension")
-        inner = reach - link2.length
-        payload = mass * (reach * (reach + length) + length**2 / 3.0 + width**2 / 12.0)
-        arm = (
-            link1.mass_per_length * link1.length**3 + link2.mass_per_length * (reach**3 - inner**3)
-        ) / 3.0
-        turning = np.abs(rate) > SLOWEST_IDENTIFICATION
-        known = turning & (np.abs(error) < LARGEST_IDENTIFIED_ERROR) & (payload > 0.0)
-        per_rate = np.divide(1.0, rate * payload, out=np.zeros_like(rate), where=known)
-        return -(error * payload + arm + payload) * per_rate, -per_rate
+        told = [value(f"payload_{name}") for name in ("mass", "length", "width")]
+        return self._resolved.identification_slopes(
+            value("identified_mass_error"),
+            value("slew_rate"),
+            value("extension"),
+            np.column_stack(told),
+        )

@@ -24,7 +24,7 @@ from drm_baselines.optimal_control.kalman_filter import MEASURED, Observer, meas
 from drm_baselines.optimal_control.quadratic_program import Programme, closed_loop, torque_limits
 from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
 from drm_baselines.support.processes import process_pool
-from drm_env.constants import LAW_PERIOD
+from drm_env.constants import LAW_PERIOD, LINK_END_DEFLECTION
 
 _Array = NDArray[np.float64]
 
@@ -140,9 +140,9 @@ def swaying(model: drm_env.Transitions, sway: float) -> drm_env.Transitions:
     in programme and feedback.
     """
     count, samples = model.error_offset.shape
-    # alpha and beta are half the deflections; one sample counts for all of them
+    # one sample counts for all of them
     row = np.zeros((count, 1, 6))
-    row[..., 4:] = 2.0 * sway * np.sqrt(samples)
+    row[..., 4:] = LINK_END_DEFLECTION * sway * np.sqrt(samples)
     return model._replace(
         error_state=np.concatenate([model.error_state, row], axis=1),
         error_input=np.concatenate([model.error_input, np.zeros((count, 1, 2))], axis=1),

@@ -20,7 +20,12 @@ from scipy import linalg, signal
 import drm_env
 from drm_baselines.errors import BaselineError
 from drm_baselines.optimal_control.quadratic_program import torque_limits
-from drm_env.constants import LAW_PERIOD, SCHEDULED_EXTENSION_SCALE, SCHEDULED_MASS_SCALE
+from drm_env.constants import (
+    LAW_PERIOD,
+    LINK_END_DEFLECTION,
+    SCHEDULED_EXTENSION_SCALE,
+    SCHEDULED_MASS_SCALE,
+)
 
 MASSES = (50.0, 125.0, 200.0, 350.0, 500.0)
 """Reported masses of the grid, kg: Table 2-7 and between."""
@@ -73,9 +78,9 @@ def gains_at(
     reach = drm_env.default_config().scenario.arm.link1.length + extension
     rows = 1e3 * np.array(
         [
-            [reach, 2.0, 0.0, 0.0],
-            [0.0, 0.0, rate * reach, 2.0 * rate],
-            [0.0, 0.0, 0.0, 2.0 * vibration],
+            [reach, LINK_END_DEFLECTION, 0.0, 0.0],
+            [0.0, 0.0, rate * reach, LINK_END_DEFLECTION * rate],
+            [0.0, 0.0, 0.0, LINK_END_DEFLECTION * vibration],
         ]
     )
     weight = rows.T @ rows
@@ -86,8 +91,9 @@ def gains_at(
     gain = np.linalg.solve(
         np.diag([root_effort**2, tip_effort**2]) + bd.T @ cost @ bd, bd.T @ cost @ ad
     )
-    # the state is (e, beta, e', beta') and the law is told 2 beta and its rate
-    return np.asarray(limits[:, None] * gain[:, [0, 2, 1, 3]] * np.array([1.0, 1.0, 0.5, 0.5]))
+    # the state is (e, beta, e', beta'); the law is told the deflection of link 2's end and its rate
+    told = np.array([1.0, 1.0, 1.0 / LINK_END_DEFLECTION, 1.0 / LINK_END_DEFLECTION])
+    return np.asarray(limits[:, None] * gain[:, [0, 2, 1, 3]] * told)
 
 
 def scheduled_law(weights: Mapping[str, float]) -> dict[str, Any]:

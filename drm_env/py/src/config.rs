@@ -7,11 +7,14 @@ use drm_env::config::{EnvConfig, PRESETS, ValidConfig, context, scenario_from_js
 use drm_env::env::observation;
 use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error};
+use drm_env::interruption;
+use drm_env::simulation::identification::Identified;
 use drm_env::simulation::metrics::METRIC_NAMES;
 use pyo3::prelude::*;
 use serde_json::{Map, Value, json};
 
-use crate::error::{Outcome, guarded};
+use crate::arrays::{In2, Out2};
+use crate::error::{Outcome, check_shape, detached, guarded};
 
 /// A complete configuration that has been checked; it never changes.
 #[pyclass(frozen, module = "drm_env._engine")]
@@ -109,6 +112,32 @@ impl Config {
     /// Parameters of the manoeuvre as far as it is not drawn, in the order of `context_names`.
     fn context(&self) -> Vec<f64> {
         context(&self.0.scenario).to_vec()
+    }
+
+    /// Derivatives of the identified mass error by slew rate and by the momentum of either wheel, a row an
+    /// observation; `seen` has the columns error, slew rate, extension, payload mass, length and width.
+    fn identification_slopes<'py>(
+        &self,
+        py: Python<'py>,
+        seen: In2<f64>,
+    ) -> Outcome<Out2<'py, f64>> {
+        check_shape("seen", seen.shape(), &[seen.shape()[0], 6])?;
+        let scenario = &self.0.scenario;
+        let slopes = detached(py, || {
+            let rows = seen.slice().as_chunks::<6>().0.iter();
+            let slopes = rows.map(|[error, rate, extension, payload @ ..]| {
+                interruption::poll();
+                let identified = Identified {
+                    error: *error,
+                    rate: *rate,
+                    extension: *extension,
+                    payload: *payload,
+                };
+                identified.slopes(scenario)
+            });
+            Ok::<_, Error>(slopes.collect())
+        })?;
+        Ok(Out2::matrix(py, slopes))
     }
 
     /// Name, unit, scale, lower and upper bound of each entry of the observation, in order.

@@ -38,12 +38,16 @@ mod _engine {
     /// Numbers that a law remembers.
     #[pymodule_export]
     const LAW_MEMORY: usize = drm_env::control::MEMORY_SIZE;
+    /// Deflection of a link's end per unit of its coordinate.
+    #[pymodule_export]
+    const LINK_END_DEFLECTION: f64 = drm_env::arm::LINK_END_DEFLECTION;
     /// Slew rate below which a payload is not identified, rad/s.
     #[pymodule_export]
-    const SLOWEST_IDENTIFICATION: f64 = drm_env::simulation::SLOWEST_IDENTIFICATION;
+    const SLOWEST_IDENTIFICATION: f64 = drm_env::simulation::identification::SLOWEST_IDENTIFICATION;
     /// Largest mass error that is taken for one.
     #[pymodule_export]
-    const LARGEST_IDENTIFIED_ERROR: f64 = drm_env::simulation::LARGEST_IDENTIFIED_ERROR;
+    const LARGEST_IDENTIFIED_ERROR: f64 =
+        drm_env::simulation::identification::LARGEST_IDENTIFIED_ERROR;
     /// Mass that the scheduled law divides by, kg.
     #[pymodule_export]
     const SCHEDULED_MASS_SCALE: f64 = drm_env::control::scheduled::MASS_SCALE;

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DMatrixView};
 
+use crate::arm::LINK_END_DEFLECTION;
 use crate::error::ConfigError;
 use crate::plant::Torques;
 use crate::plant::consistent::{CAPACITY, ConsistentPlant, ConsistentState};
@@ -96,8 +97,9 @@ pub(crate) fn thesis_equations(m: &Matrices<f64>, slew_rate: f64) -> Equations {
     let mut output = DMatrix::zeros(OUTPUT_NAMES.len(), 6);
     for (i, first) in [0, 3].into_iter().enumerate() {
         output[(i, first)] = 1.0;
-        output[(2 + i, first + 2)] = 2.0;
-        (output[(4 + i, first + 1)], output[(4 + i, first + 2)]) = (2.0, 2.0);
+        output[(2 + i, first + 2)] = LINK_END_DEFLECTION;
+        output[(4 + i, first + 1)] = LINK_END_DEFLECTION;
+        output[(4 + i, first + 2)] = LINK_END_DEFLECTION;
     }
     Equations {
         matrices: [dense(m.mass), dense(m.velocity), stiffness],

@@ -33,6 +33,10 @@ pub struct Arm {
     pub link2: Link,
 }
 
+/// Deflection of a link's end per unit of its coordinate, alpha or beta, in the thesis' plant: its assumed
+/// shape 3 u^2 - u^3 at u = 1.
+pub const LINK_END_DEFLECTION: f64 = 2.0;
+
 impl Default for Arm {
     fn default() -> Self {
         Self {

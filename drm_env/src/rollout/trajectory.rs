@@ -1,5 +1,6 @@
 //! The signals of a manoeuvre, and one manoeuvre with all of them.
 
+use crate::arm::LINK_END_DEFLECTION;
 use crate::config::scenario::ValidScenario;
 use crate::control::Law;
 use crate::error::{ConfigError, Error};
@@ -80,7 +81,7 @@ pub(super) fn signals_of<T: Number>(flight: &Flight<T>, lane: usize, torques: [f
         outputs.alpha[1],
         outputs.beta[1],
         outputs.tip[0],
-        2.0 * outputs.beta[0],
+        LINK_END_DEFLECTION * outputs.beta[0],
         clock.extension.length,
         clock.extension.rate,
         0.0,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::arm::PayloadProperties;
+use crate::arm::{LINK_END_DEFLECTION, PayloadProperties};
 use crate::config::scenario::Scenario;
 use crate::error::ConfigError;
 use crate::math::generalized_alpha::GeneralizedAlpha;
@@ -15,6 +15,9 @@ use crate::plant::energy::{Energy, energy};
 use crate::plant::thesis::Constants;
 use crate::reference::Extension;
 use crate::simd::{Laned, Number, laned};
+
+/// Coordinate per unit of a link's end deflection.
+const COORDINATE: f64 = 1.0 / LINK_END_DEFLECTION;
 
 /// Equations of motion, a manoeuvre a lane.
 #[derive(Debug, Clone)]
@@ -107,7 +110,12 @@ impl<T: Number> Outputs<T> {
     #[inline(always)]
     pub fn measurable(&self) -> [T; 4] {
         let Self { slew, beta, .. } = self;
-        [slew[0], slew[1], beta[0] * 2.0, beta[1] * 2.0]
+        [
+            slew[0],
+            slew[1],
+            beta[0] * LINK_END_DEFLECTION,
+            beta[1] * LINK_END_DEFLECTION,
+        ]
     }
 }
 
@@ -163,7 +171,10 @@ impl<T: Number> Motion<T> {
                     slew: [theta, theta_rate],
                     alpha: [alpha, alpha_rate],
                     beta: [beta, beta_rate],
-                    tip: [(alpha + beta) * 2.0, (alpha_rate + beta_rate) * 2.0],
+                    tip: [
+                        (alpha + beta) * LINK_END_DEFLECTION,
+                        (alpha_rate + beta_rate) * LINK_END_DEFLECTION,
+                    ],
                 }
             }
             Self::Consistent(seen) => seen.outputs,
@@ -389,8 +400,8 @@ impl<T: Number> Consistent<T> {
         }
         Outputs {
             slew: seen.slew,
-            alpha: [seen.link1[0] * 0.5, seen.link1[1] * 0.5],
-            beta: [seen.link2[0] * 0.5, seen.link2[1] * 0.5],
+            alpha: [seen.link1[0] * COORDINATE, seen.link1[1] * COORDINATE],
+            beta: [seen.link2[0] * COORDINATE, seen.link2[1] * COORDINATE],
             tip: seen.tip,
         }
     }

@@ -7,6 +7,7 @@ pub(crate) mod constants;
 pub(crate) mod controller;
 mod divergence;
 pub(crate) mod hook;
+pub mod identification;
 mod lanes;
 mod law_model;
 mod manoeuvre;
@@ -31,6 +32,7 @@ use crate::simd::Number;
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::{LaneConstants, SharedConstants};
+use crate::simulation::identification::mass_error;
 use crate::simulation::law_model::Modelled;
 pub use crate::simulation::law_model::servo_model;
 use crate::simulation::manoeuvre::Manoeuvre;
@@ -39,12 +41,6 @@ pub use crate::simulation::snapshot::FlightState;
 use crate::simulation::state::LaneState;
 
 pub use crate::simulation::plan::Plan;
-
-/// Slew rate below which a payload is not identified, rad/s: a tenth of a second at 0.02 rad/s^2.
-pub const SLOWEST_IDENTIFICATION: f64 = 2e-3;
-
-/// Largest mass error that is taken for one.
-pub const LARGEST_IDENTIFIED_ERROR: f64 = 0.5;
 
 /// `T::WIDTH` manoeuvres in flight, which share their sample period, steps and equations of motion.
 #[derive(Debug, Clone)]
@@ -155,16 +151,7 @@ impl<T: Number> Flight<T> {
         let payload = self.fixed.payload_inertia.at(a);
         let wheels = self.common.root.momentum + self.common.tip.momentum;
         let momentum = reported.mul_add(self.clock.reference.rate, -wheels);
-        let one = T::splat(1.0);
-        let turning = one - rate.abs().below(T::splat(SLOWEST_IDENTIFICATION));
-        let known = one - payload.below(T::splat(1.0));
-        let seen = turning * known;
-        // where nothing is seen the quotient is that of ones
-        let rate = rate * seen + (one - seen);
-        let payload = payload * seen + (one - seen);
-        let limit = T::splat(LARGEST_IDENTIFIED_ERROR);
-        let error = (momentum / rate - reported) / payload * seen;
-        error.limited(-limit, limit)
+        mass_error(momentum, rate, reported, payload)
     }
 
     /// What a law is told now.
