@@ -1,4 +1,4 @@
-"""Poles of sampled loops against the arm's own, and against what small motions do when they are flown."""
+"""Poles of sampled loops against the arm's own, and against small motions that are flown."""
 
 from __future__ import annotations
 
