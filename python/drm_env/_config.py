@@ -162,15 +162,15 @@ class ServoLaw:
     """Rate at which the wanted rate is followed, 1/s."""
     torque_share: float = 0.9
     """Part of the wheels' torque that the parabola counts on."""
-    damping: tuple[float, float, float] = (0.05, 0.02, 0.0)
+    damping: tuple[float, float, float] = (0.1, 0.01, 0.001)
     """Damping ratio that the root wheel adds to each of the three lowest modes."""
-    damping_torque: float = 60.0
+    damping_torque: float = 90.0
     """Most of the root wheel's torque that damping may take, N m."""
-    observer_bandwidth: tuple[float, float, float] = (6.0, 6.0, 6.0)
-    """Rate at which the observer of each mode forgets, 1/s."""
+    observer_ratio: tuple[float, float, float] = (0.1, 0.15, 0.15)
+    """Rate at which the observer of each mode forgets, as a part of its angular frequency."""
     angle_deviation: float = 0.003
     """Standard deviation of the slew angle as the filter believes it, rad: of noise and what vibration is left."""
-    angle_drift: float = 1e-05
+    angle_drift: float = 0.0001
     """What the whole arm's angle may drift as the filter believes it, rad/s^(1/2)."""
     mass_deviation: float = 0.09
     """Standard deviation of the reported mass as the filter believes it, as a part of it."""
