@@ -132,8 +132,9 @@ impl EnvConfig {
         scenario.dynamics.damping_ratio = 0.005;
         scenario.root_wheel.lag = 0.005;
         scenario.tip_wheel.lag = 0.005;
-        scenario.root_wheel.momentum_limit = Some(2000.0);
-        scenario.tip_wheel.momentum_limit = Some(200.0);
+        // what the suite of this environment needs under the servo
+        scenario.root_wheel.momentum_limit = Some(1200.0);
+        scenario.tip_wheel.momentum_limit = Some(130.0);
         // about what good encoders, gyroscopes and strain gauges give
         scenario.sensors = Sensors {
             angle_noise: 1e-5,
