@@ -43,9 +43,8 @@ from drm_baselines.imitation.teacher import Plans, Teaching
 from drm_baselines.imitation.teacher_rollout import Examples, Flight
 from drm_baselines.policies.perceptron import NetworkPolicy, Perceptron
 from drm_baselines.policies.policy_file import (
-    DESCRIPTION_FILE,
-    WEIGHTS_FILE,
     load_policy,
+    remove_policy,
     save_policy,
 )
 from drm_baselines.rl.run_record import EVALUATIONS_FILE
@@ -220,8 +219,8 @@ def imitate(
     begun = None if start is None else _begun(start, study)
     points = [] if start is None else _points_of(start)
     storage.claim_directory(directory, force=force)
-    for name in (WEIGHTS_FILE, DESCRIPTION_FILE, EVALUATIONS_FILE):
-        (directory / name).unlink(missing_ok=True)
+    remove_policy(directory)
+    (directory / EVALUATIONS_FILE).unlink(missing_ok=True)
     torch.set_num_threads(1)
     torch.manual_seed(study.seed)
     rng = np.random.default_rng([study.seed, 20])

@@ -5,6 +5,11 @@ description (layers, activation, environment id and configuration, observation l
 record, digest of the weights). Nothing is unpickled and no torch is needed to fly a policy, so
 that a file from elsewhere can do no more than steer badly.
 
+A policy is published by one rename, that of its description. The new weights are there before,
+under a name that holds their digest, and take the place of the old ones after; whoever reads, or
+comes after a process that was killed in between, finds the weights of the description that is
+there.
+
 Both files are checked before an array is made of them: ordinary files of at most
 :data:`MAX_WEIGHTS_BYTES` and :data:`MAX_DESCRIPTION_BYTES`, a description of the expected form, and
 weights that are exactly the float32 arrays it announces, with the digest it states.
@@ -12,6 +17,7 @@ weights that are exactly the float32 arrays it announces, with the digest it sta
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
 import os
@@ -24,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_baselines.errors import PolicyError, RunError
+from drm_baselines.errors import PolicyError, RunError, WriteError
 from drm_baselines.policies.perceptron import ACTIVATIONS, OUTPUTS, Array, NetworkPolicy, Perceptron
 from drm_baselines.support import storage
 from drm_baselines.support.reading import parse_json, shown
@@ -43,7 +49,13 @@ MAX_LAYERS = 16
 MAX_LAYER_SIZE = 4096
 """Most inputs or outputs of a layer of an exported policy."""
 
+_COMING = re.compile(r"policy-[0-9a-f]{16}\.safetensors")
+_READS = 5  # of a policy that is renewed while it is read
 _MAX_HEADER_BYTES = 64 << 10  # of the weights: 32 arrays with short names
+
+
+class _StrangeWeightsError(RunError):
+    """Weights that are not those of the description."""
 
 
 def save_policy(
@@ -68,10 +80,18 @@ def save_policy(
     for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
         arrays[f"layers.{index}.weight"] = np.ascontiguousarray(weight, dtype=np.float32)
         arrays[f"layers.{index}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
-    weights = directory / WEIGHTS_FILE
-    with storage.atomic_path(weights, overwrite=overwrite) as temporary:
+    packed = save(arrays)
+    digest = hashlib.sha256(packed).hexdigest()
+    weights, published = directory / WEIGHTS_FILE, directory / DESCRIPTION_FILE
+    if not overwrite:
+        for path in (weights, published):
+            if path.exists():
+                storage.refuse(path)
+    coming = _coming(directory, digest)
+    there = coming.exists()
+    with storage.atomic_path(coming, overwrite=True) as temporary:
         # not by its own writer, whose errors (a full disk) are of a class of their own
-        temporary.write_bytes(save(arrays))
+        temporary.write_bytes(packed)
     content = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -79,10 +99,37 @@ def save_policy(
         "activation": network.activation,
         "output": network.output,
         "weights_file": WEIGHTS_FILE,
-        "weights_sha256": storage.sha256_of(weights),
+        "weights_sha256": digest,
         **description,
     }
-    return [weights, storage.write_json(directory / DESCRIPTION_FILE, content, overwrite=overwrite)]
+    try:
+        storage.write_json(published, content, overwrite=overwrite)
+    except WriteError:
+        if not there:
+            coming.unlink(missing_ok=True)
+        raise
+    with storage.writing(weights):
+        coming.replace(weights)
+    for left in directory.iterdir():
+        # of a process that was killed before this step: nobody describes them any more
+        if _COMING.fullmatch(left.name):
+            left.unlink(missing_ok=True)
+    return [weights, published]
+
+
+def remove_policy(directory: Path) -> None:
+    """Remove the policy of a run that is begun anew, if there is one."""
+    (directory / DESCRIPTION_FILE).unlink(missing_ok=True)
+    (directory / WEIGHTS_FILE).unlink(missing_ok=True)
+    if directory.is_dir():
+        for left in directory.iterdir():
+            if _COMING.fullmatch(left.name):
+                left.unlink(missing_ok=True)
+
+
+def _coming(directory: Path, digest: str) -> Path:
+    """Return where weights wait until the description that names them is there."""
+    return directory / f"policy-{digest[:16]}.safetensors"
 
 
 def _read_file(path: Path, limit: int) -> bytes:
@@ -283,10 +330,17 @@ def _read_weights(path: Path, description: Mapping[str, Any]) -> dict[str, Array
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
-    content = _read_file(path, MAX_WEIGHTS_BYTES)
-    digest, expected = hashlib.sha256(content).hexdigest(), description["weights_sha256"]
+    expected = description["weights_sha256"]
+    coming = _coming(path.parent, expected)
+    content = b""
+    if os.path.lexists(coming):  # only between two renames; it may be gone by now
+        with contextlib.suppress(RunError):
+            content = _read_file(coming, MAX_WEIGHTS_BYTES)
+    if hashlib.sha256(content).hexdigest() != expected:
+        content = _read_file(path, MAX_WEIGHTS_BYTES)
+    digest = hashlib.sha256(content).hexdigest()
     if digest != expected:
-        raise RunError(
+        raise _StrangeWeightsError(
             f"{path} does not belong to {DESCRIPTION_FILE}: SHA-256 {digest} instead of {expected}"
         )
     shapes = _shapes_of(description["layers"])
@@ -326,13 +380,22 @@ def load_policy(directory: str | Path) -> NetworkPolicy:
         raise RunError(f"no run directory {folder}")
     path, weights = folder / DESCRIPTION_FILE, folder / WEIGHTS_FILE
     for needed in (path, weights):
-        if not os.path.lexists(needed):
+        if not os.path.lexists(needed) and not (
+            needed == weights and any(_COMING.fullmatch(each.name) for each in folder.iterdir())
+        ):
             raise RunError(
                 f"{folder} holds no {needed.name}: it is not the directory of a "
                 "training run, or the run has not saved a policy yet"
             )
-    description = _read_description(path)
-    arrays = _read_weights(weights, description)
+    for left in reversed(range(_READS)):
+        description = _read_description(path)
+        try:
+            arrays = _read_weights(weights, description)
+            break
+        except _StrangeWeightsError:
+            # unless a new policy was published between the two files
+            if left == 0 or _read_description(path) == description:
+                raise
     count = len(description["layers"])
     network = Perceptron(
         weights=[arrays[f"layers.{index}.weight"] for index in range(count)],

@@ -19,9 +19,8 @@ import drm_env
 from drm_baselines.errors import BaselineError, RunError
 from drm_baselines.evaluation.environments import config_data, environment_config
 from drm_baselines.policies.policy_file import (
-    DESCRIPTION_FILE,
-    WEIGHTS_FILE,
     load_policy,
+    remove_policy,
 )
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.model import ALGORITHMS, begin_with, make_envs, make_model, set_threads
@@ -100,8 +99,9 @@ def train(
         # Not before everything is known to be possible: what is there may be an older run.
         storage.claim_directory(directory, force=force)
         # With force: an interruption before the first save must not leave the old run's policy.
-        for name in (RUN_FILE, EVALUATIONS_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
+        for name in (RUN_FILE, EVALUATIONS_FILE):
             (directory / name).unlink(missing_ok=True)
+        remove_policy(directory)
         for name in ("checkpoints", "tensorboard"):
             shutil.rmtree(directory / name, ignore_errors=True)
         # The model has seeded the environments with its own seed, which evaluations may use.

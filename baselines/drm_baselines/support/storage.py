@@ -1,8 +1,9 @@
 """Writing results so that an interruption never leaves half a file, and never over old ones.
 
-Each file is written to a temporary name in the same folder and renamed when it is complete.
-Existing files are only replaced when the caller says so. Numbers that JSON does not know (NaN,
-infinity) become null, so that any JSON reader can load the files.
+Each file is written to a temporary name in the same folder, brought to the disk, and renamed when
+it is complete. A process that is killed leaves its temporary file behind; the next process that
+writes into the folder removes it. Existing files are only replaced when the caller says so. Numbers
+that JSON does not know (NaN, infinity) become null, so that any JSON reader can load the files.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -22,6 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_baselines.errors import ExistingResultError, RunError, WriteError
+from drm_baselines.support.liveness import is_alive, machine_mark
+
+_OWN = ".drm-"
+"""What the names of temporary files begin with; machine and process follow."""
+_TEMPORARY = re.compile(rf"{re.escape(_OWN)}(?P<machine>[0-9a-f]{{8}})-(?P<process>[0-9]+)-.*")
+_swept: set[Path] = set()
 
 
 def refuse(path: Path) -> NoReturn:
@@ -44,8 +52,11 @@ def atomic_path(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
         refuse(path)
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
+        _sweep_once(path.parent)
         handle, name = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.stem[:100]}-", suffix=path.suffix or ".tmp"
+            dir=path.parent,
+            prefix=f"{_OWN}{machine_mark()}-{os.getpid()}-",
+            suffix=path.suffix or ".tmp",
         )
         os.close(handle)
         temporary = Path(name)
@@ -55,9 +66,54 @@ def atomic_path(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
             umask = os.umask(0)
             os.umask(umask)
             temporary.chmod(0o666 & ~umask)
+            _bring_to_disk(temporary)
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+def _bring_to_disk(path: Path) -> None:
+    """Have the system write a file, or it may be renamed and empty when the power fails."""
+    handle = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def is_temporary(name: str) -> bool:
+    """Return whether a file's name is one that :func:`atomic_path` gives."""
+    return _TEMPORARY.fullmatch(name) is not None
+
+
+def sweep(directory: Path) -> list[Path]:
+    """Remove temporary files of processes of this machine that are dead; return them.
+
+    Those of another machine stay: whether their process lives cannot be known here.
+    """
+    found = []
+    with contextlib.suppress(OSError):
+        for path in directory.iterdir():
+            name = _TEMPORARY.fullmatch(path.name)
+            if (
+                name is None
+                or name["machine"] != machine_mark()
+                or is_alive(int(name["process"]))
+                or path.is_symlink()
+                or not path.is_file()
+            ):
+                continue
+            path.unlink(missing_ok=True)
+            found.append(path)
+    return found
+
+
+def _sweep_once(directory: Path) -> None:
+    """Sweep a directory the first time that this process writes there."""
+    place = directory.absolute()
+    if place not in _swept:
+        _swept.add(place)
+        sweep(directory)
 
 
 @contextlib.contextmanager
