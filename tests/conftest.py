@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 # Windows of the "human" render mode need no display here.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+# What the package keeps for a user is not what tests leave behind.
+_STATE = tempfile.TemporaryDirectory(prefix="drm-state-")
+os.environ["XDG_STATE_HOME"] = _STATE.name
 # Tests that were started in the background or by nohup ignore signals that some of them send.
 for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
     if hasattr(signal, _name) and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN:

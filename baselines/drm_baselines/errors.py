@@ -31,6 +31,10 @@ class ExistingResultError(BaselineError):
     """Results that exist already and would have been overwritten."""
 
 
+class BusyError(BaselineError):
+    """A directory that another process works in."""
+
+
 class WriteError(BaselineError):
     """A result that could not be written: no room, no permission, no such place."""
 

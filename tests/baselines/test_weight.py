@@ -48,7 +48,7 @@ def modules_of(*distributions: str) -> tuple[str, ...]:
 
 ENVIRONMENT_MODULES = ("drm_env", *modules_of("gymnasium", "numpy"))
 BASE = ("drm_baselines", *ENVIRONMENT_MODULES, "safetensors")
-CLI = (*BASE, *modules_of("rich", "typer"))
+CLI = (*BASE, *modules_of("filelock", "platformdirs", "rich", "typer"))
 
 WITH = """
 import sys
@@ -226,7 +226,7 @@ def test_parquet_names_its_extra_and_csv_needs_none(tmp_path: Path) -> None:
 
 def test_the_command_itself_names_its_extra() -> None:
     line = refused(drm("--help", names=BASE), "cli")
-    assert "needs rich and typer" in line
+    assert "needs filelock, platformdirs, rich and typer" in line
 
 
 def test_what_no_command_asked_for_is_named_all_the_same() -> None:

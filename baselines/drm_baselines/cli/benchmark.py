@@ -85,7 +85,7 @@ def benchmark(
         from drm_baselines.benchmark.report import documents as made
         from drm_baselines.benchmark.report import page, tables, targets
         from drm_baselines.policies.pilots import shipped_runs
-        from drm_baselines.support import storage
+        from drm_baselines.support import storage, workplace
 
     as_json, json_file = json_target(as_json, json_file, context.args)
     names = list(suite or suites.SUITES)
@@ -96,26 +96,29 @@ def benchmark(
     if json_file is not None:
         storage.claim_file(json_file, force=True)
     everybody = competing.chosen(competing.competitors(learned), policy)
-    results = []
-    for name in dict.fromkeys(names):
-        begun = time.monotonic()
-        with counting("episodes") as progress:
-            shown = functools.partial(_show, progress, name)
-            result = runner.fly_suite(name, everybody, out, again=again, progress=shown, told=note)
-        results.append(result)
+    with workplace.noting(out, workplace.Work("drm benchmark")):
+        results = []
+        for name in dict.fromkeys(names):
+            begun = time.monotonic()
+            with counting("episodes") as progress:
+                shown = functools.partial(_show, progress, name)
+                result = runner.fly_suite(
+                    name, everybody, out, again=again, progress=shown, told=note
+                )
+            results.append(result)
+            if as_json:
+                continue
+            say(f"{name}: flights took {time.monotonic() - begun:.0f} s")
+            show(tables.terminal_table(result))
+            for text, verdict in targets.targets(result):
+                say(f"{verdict}: {text}")
         if as_json:
-            continue
-        say(f"{name}: flights took {time.monotonic() - begun:.0f} s")
-        show(tables.terminal_table(result))
-        for text, verdict in targets.targets(result):
-            say(f"{verdict}: {text}")
-    if as_json:
-        say_json(made.summary(results))
-    figures = made.draw(results, out / "figures", learned or shipped_runs())
-    written = [page.write_page(results, out / "benchmark.html", figures, overwrite=True)]
-    if json_file is not None:
-        written.append(made.write_summary(json_file, results, overwrite=True))
-    if documents is not None:
-        written += made.update_documents(documents, results, out / "figures")
+            say_json(made.summary(results))
+        figures = made.draw(results, out / "figures", learned or shipped_runs())
+        written = [page.write_page(results, out / "benchmark.html", figures, overwrite=True)]
+        if json_file is not None:
+            written.append(made.write_summary(json_file, results, overwrite=True))
+        if documents is not None:
+            written += made.update_documents(documents, results, out / "figures")
     if not as_json:
         say_files(written)

@@ -105,18 +105,14 @@ def imitate(
     imitation the student is refined by the gradient of the tip error through the plant, and at last
     it settles: it learns to leave an arm at rest alone. Plans and linearised manoeuvres are made
     once, which takes minutes, and shared by all seeds. An interrupted run keeps its newest policy;
-    the same command with --force begins the student anew.
+    the same command begins the student anew, to the same digits.
     """
     if start is not None and (rounds is not None or refine is not None):
         raise BaselineError("--rounds and --refine are over for a student that --start names")
     dagger, analytic_gradient, plant_jacobian, teachers = _modules()
     from drm_baselines.policies.policy_file import load_policy
-    from drm_baselines.support import storage
+    from drm_baselines.support import workplace
 
-    # before the minutes that the teacher takes
-    storage.check_directory(out, force=force)
-    if start is not None:
-        load_policy(start)
     teaching = teachers.Teaching(scenarios=scenarios)
     given = {"manoeuvres": manoeuvres, "batch": batch}
     stages = {
@@ -126,6 +122,8 @@ def imitate(
     refinement = stages["refinement"]
     settings = {} if rounds is None else {"rounds": rounds}
     study = dagger.Study(seed=seed, teaching=teaching, **stages, **settings)
+    # before the minutes that the teacher takes
+    workplace.check(out, dagger.work_of(study, start), force=force)
     memory.require(
         scenarios * _PLAN_BYTES + refinement.manoeuvres * _INTERVALS_BYTES,
         f"{scenarios:,} plans and {refinement.manoeuvres:,} linearised manoeuvres",

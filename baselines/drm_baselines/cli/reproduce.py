@@ -53,8 +53,7 @@ def reproduce(
         show(terminal.list_table())
         return
     chosen = select(only)
-    writing.claim(out, force=force)
-    with progress_bar() as progress:
+    with writing.claimed(out, force=force), progress_bar() as progress:
         task = progress.add_task("thesis", total=len(chosen), completed=-1, note="")
         results, files = writing.write_results(
             chosen,

@@ -144,6 +144,14 @@ def train(
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+    trust: Annotated[
+        bool,
+        typer.Option(
+            "--trust",
+            help="With --resume: load a checkpoint that was written by another user or on another "
+            "machine, which runs whatever its maker wants.",
+        ),
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
@@ -153,7 +161,8 @@ def train(
 
     The directory receives run.json (everything needed to repeat the run), the policy as
     safetensors and JSON, the learning curve as CSV, TensorBoard events and a checkpoint. The
-    checkpoint is a pickle that --resume alone reads: resume only runs of your own.
+    checkpoint is a pickle that --resume alone reads, and only if you have written it on this
+    machine or say --trust.
     """
     if resume:
         given = {"--algo": algo, "--env": env_id, "--seed": seed, "--n-envs": n_envs,
@@ -173,7 +182,9 @@ def train(
         training = training_module()
         with progress_bar() as progress:
             watcher = ConsoleWatcher(progress, total, record.steps)
-            record = training.resume(out, steps=steps, watcher=watcher)
+            record = training.resume(out, steps=steps, trust=trust, watcher=watcher)
+    elif trust:
+        raise BaselineError("--trust is for --resume")
     else:
         import dataclasses
 

@@ -49,7 +49,7 @@ from drm_baselines.policies.policy_file import (
 )
 from drm_baselines.rl.run_record import EVALUATIONS_FILE
 from drm_baselines.suites import STRATA
-from drm_baselines.support import provenance, storage
+from drm_baselines.support import provenance, storage, workplace
 from drm_baselines.support.interruption import stop_on_signal
 from drm_baselines.support.seeds import IMITATION_CURVE_SEED
 
@@ -202,7 +202,9 @@ def imitate(
     start
         Directory of a student that has been refined and has only to settle.
     force
-        Start anew in a directory that is not empty.
+        Start anew in a directory that is not empty. One in which the same student was begun and
+        not finished is taken up without: it learns anew, to the same digits, and the policy that
+        is there stays until there is a newer one.
     watch
         Called with the stage (``"imitation"``, ``"refinement"``, ``"settling"``), how many of its
         rounds or steps are done, and the curve's newest point if there is one.
@@ -211,20 +213,50 @@ def imitate(
     ------
     ExistingResultError
         The directory is not empty and ``force`` is false.
+    BusyError
+        Another process works there.
     RunError
         Interrupted before the first round was over, ``start`` damaged.
     BaselineError
         ``start`` is no student of this teaching.
     """
     begun = None if start is None else _begun(start, study)
-    points = [] if start is None else _points_of(start)
-    storage.claim_directory(directory, force=force)
-    remove_policy(directory)
-    (directory / EVALUATIONS_FILE).unlink(missing_ok=True)
+    points = [] if start is None or begun is None else _points_of(start, begun)
+    work = work_of(study, start)
+    with workplace.working(directory, work, force=force) as again:
+        if not again:
+            remove_policy(directory)
+            (directory / EVALUATIONS_FILE).unlink(missing_ok=True)
+        curve = _Curve(directory, study, watch, begun, points)
+        _taught(study, plans, intervals, curve)
+        work.finished = curve.finished
+    return directory
+
+
+def work_of(study: Study, start: Path | None) -> workplace.Work:
+    """Return what is noted in the directory of a student while it learns.
+
+    Raises
+    ------
+    RunError
+        ``start`` damaged.
+    """
+    digest = None if start is None else load_policy(start).description["weights_sha256"]
+    return workplace.Work("drm imitate", {"study": asdict(study), "start": digest})
+
+
+def _taught(study: Study, plans: Sequence[Plans], intervals: Intervals, curve: _Curve) -> None:
+    """Teach a student from round to round; whether to the end, the curve says.
+
+    Raises
+    ------
+    RunError
+        Interrupted before the first round was over.
+    """
+    begun = curve.begun
     torch.set_num_threads(1)
     torch.manual_seed(study.seed)
     rng = np.random.default_rng([study.seed, 20])
-    curve = _Curve(directory, study, watch, begun, points)
     student: Student | None = None
     with stop_on_signal() as stop:
         if begun is None:
@@ -244,8 +276,7 @@ def imitate(
         if student is not None and curve.points:
             curve.save(student)
     if not curve.points or student is None:
-        raise RunError(f"{directory}: interrupted before the first round was over")
-    return directory
+        raise RunError(f"{curve.directory}: interrupted before the first round was over")
 
 
 def _begun(start: Path, study: Study) -> NetworkPolicy:
@@ -276,14 +307,17 @@ def _begun(start: Path, study: Study) -> NetworkPolicy:
     return policy
 
 
-def _points_of(start: Path) -> list[dict[str, float]]:
+def _points_of(start: Path, begun: NetworkPolicy) -> list[dict[str, float]]:
     """Return the curve so far of the run that another begins with."""
     path = start / EVALUATIONS_FILE
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
-        return [{name: float(value) for name, value in row.items()} for row in rows]
-    except (OSError, ValueError, TypeError) as error:
+        points = [{name: float(value) for name, value in row.items()} for row in rows]
+        # one that was killed between curve and policy has a point too many
+        last = float(begun.description["training"]["steps"])
+        return [point for point in points if point["steps"] <= last]
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise RunError(f"{path}: no learning curve: {error}") from error
 
 

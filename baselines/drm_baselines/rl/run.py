@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import threading
 import time
@@ -27,6 +28,7 @@ from drm_baselines.rl.run_record import (
 from drm_baselines.support import provenance, storage
 from drm_baselines.support.extras import needing
 from drm_baselines.support.seeds import CURVE_SEED
+from drm_baselines.support.trust import seal
 
 with needing("training", "learn"):
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -127,7 +129,8 @@ class Run:
                 int(point["steps"])
         except (KeyError, TypeError, ValueError, OverflowError, csv.Error) as error:
             raise RunError(f"{path} is damaged: {error}") from error
-        return points
+        # A run that was killed may have measured what its newest checkpoint does not know of.
+        return [point for point in points if point["steps"] <= self._begun]
 
     def describe_policy(self) -> dict[str, Any]:
         """Return what travels with the weights."""
@@ -191,25 +194,29 @@ class Run:
         steps = int(self.model.num_timesteps)
         folder = self.directory / "checkpoints"
         folder.mkdir(exist_ok=True)
-        path = folder / f"model_{steps}.zip"
-        # in memory first: torch's own writer has no clear error for a disk that is full
+        # In memory first: torch's own writer has no clear error for a disk that is full. The name
+        # holds the digest: the file that the record names stays until there is a newer record.
         packed = io.BytesIO()
         self.model.save(packed)
-        with storage.atomic_path(path, overwrite=True) as temporary:
+        digests = {"model": hashlib.sha256(packed.getbuffer()).hexdigest()}
+        files = {"model": folder / f"model_{steps}_{digests['model'][:12]}.zip"}
+        with storage.atomic_path(files["model"], overwrite=True) as temporary:
             temporary.write_bytes(packed.getbuffer())
-        files = {"model": path}
         if isinstance(self.model, OffPolicyAlgorithm) and status != "running":
-            buffer = folder / f"replay_buffer_{steps}.pkl"
-            with storage.atomic_path(buffer, overwrite=True) as temporary:
+            unnamed = folder / "replay_buffer.pkl"
+            with storage.atomic_path(unnamed, overwrite=True) as temporary:
                 self.model.save_replay_buffer(temporary)
-            files["replay_buffer"] = buffer
+            digests["replay_buffer"] = digest = storage.sha256_of(unnamed)
+            files["replay_buffer"] = folder / f"replay_buffer_{steps}_{digest[:12]}.pkl"
+            unnamed.replace(files["replay_buffer"])
         save_policy(self.directory, perceptron_of(self.model), self.describe_policy())
         record = self.record
         record.steps, record.wall_time, record.status = steps, self.wall_time, status
         record.checkpoint = {
             kind: {
                 "file": file.relative_to(self.directory).as_posix(),
-                "sha256": storage.sha256_of(file),
+                "sha256": digests[kind],
+                "seal": seal(digests[kind]),
             }
             for kind, file in files.items()
         }

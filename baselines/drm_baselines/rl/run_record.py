@@ -9,14 +9,17 @@ A run lives in one directory:
     tensorboard/        event files
 
 The checkpoint files are pickles: they are read on resuming alone, and only if their digest is the
-one that the run itself wrote down.
+one that the run itself wrote down and this user has sealed it (:mod:`drm_baselines.support.trust`).
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
+import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,7 @@ from drm_baselines.errors import RunError
 from drm_baselines.rl.hyperparameters import ALGORITHMS
 from drm_baselines.support import storage
 from drm_baselines.support.reading import read_table, shown
+from drm_baselines.support.trust import is_sealed
 
 RUN_FILE = "run.json"
 EVALUATIONS_FILE = "evaluations.csv"
@@ -79,6 +83,7 @@ def _is_checkpoint(value: Any) -> bool:
         and all(
             isinstance(entry, dict)
             and all(isinstance(entry.get(name), str) for name in ("file", "sha256"))
+            and isinstance(entry.get("seal"), (str, type(None)))
             for entry in value.values()
         )
     )
@@ -147,22 +152,57 @@ def load_run(directory: str | Path) -> RunRecord:
         raise RunError(f"{path} is damaged: {error}") from error
 
 
-def checkpoint_file(directory: Path, record: RunRecord, kind: str = "model") -> Path:
-    """Return the checkpoint's file after checking that it is the one this run wrote.
+_CHECKPOINT = re.compile(r"checkpoints/(?:model|replay_buffer)_[0-9]+(?:_[0-9a-f]+)?\.(?:zip|pkl)")
 
-    ``kind`` is ``"model"`` or ``"replay_buffer"``.
+
+def open_checkpoint(
+    directory: Path, record: RunRecord, kind: str = "model", *, trust: bool = False
+) -> BufferedReader:
+    """Open a checkpoint after checking that it is the one this run wrote, and this user.
+
+    What is opened is what was checked, whatever takes its name in the meantime.
+
+    Parameters
+    ----------
+    directory, record
+        Of the run.
+    kind
+        ``"model"`` or ``"replay_buffer"``.
+    trust
+        Whether a file that this user has not sealed is opened too.
 
     Raises
     ------
     RunError
-        There is none, or its digest differs from the record's.
+        There is none, it lies outside the run's own folder of checkpoints, is a link, its digest
+        differs from the record's, or nothing vouches for who made it.
     """
     entry = (record.checkpoint or {}).get(kind)
     if entry is None:
         raise RunError(f"{directory} holds no {kind} checkpoint to resume from")
-    path = directory / str(entry["file"])
+    name = str(entry["file"])
+    if not _CHECKPOINT.fullmatch(name):
+        raise RunError(
+            f"{directory / RUN_FILE} is damaged: checkpoint.{kind}.file must be a file in "
+            f"checkpoints/, got {shown(name)}"
+        )
+    path = directory / name
+    if path.parent.is_symlink() or path.is_symlink():
+        raise RunError(f"{path} is a link: only a checkpoint in its own place is read")
     if not path.is_file():
         raise RunError(f"{path} is missing: the run cannot be resumed")
-    if storage.sha256_of(path) != entry["sha256"]:
-        raise RunError(f"{path} is not the file that this run wrote (its SHA-256 differs)")
-    return path
+    stream = path.open("rb")
+    try:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        if digest != entry["sha256"]:
+            raise RunError(f"{path} is not the file that this run wrote (its SHA-256 differs)")
+        if not trust and not is_sealed(digest, entry.get("seal")):
+            raise RunError(
+                f"{path} was not written by you on this machine, and loading a checkpoint runs "
+                "whatever its maker wants; if you know who made it, give --trust"
+            )
+        stream.seek(0)
+    except BaseException:
+        stream.close()
+        raise
+    return stream

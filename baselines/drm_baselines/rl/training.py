@@ -8,10 +8,12 @@ engine's metrics, on seeds that training never draws.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import shlex
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +32,10 @@ from drm_baselines.rl.run_record import (
     EVALUATIONS_FILE,
     RUN_FILE,
     RunRecord,
-    checkpoint_file,
     load_run,
+    open_checkpoint,
 )
-from drm_baselines.support import provenance, storage
+from drm_baselines.support import provenance, storage, workplace
 from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import stop_on_signal
 from drm_baselines.support.seeds import CURVE_SEED, episode_seeds
@@ -41,6 +43,10 @@ from drm_baselines.support.seeds import CURVE_SEED, episode_seeds
 with needing("training", "learn"):
     from stable_baselines3.common.logger import configure
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+
+WORK = workplace.Work("drm train")
+"""What is noted in the directory of a run while it is trained."""
 
 
 def _new_record(request: TrainingRequest, config: drm_env.EnvConfig) -> RunRecord:
@@ -89,7 +95,7 @@ def train(
     options = {**request.settings.env, **request.options}
     config = environment_config(request.env_id, options)
     episode_seeds(CURVE_SEED, request.evaluation_episodes)
-    storage.check_directory(directory, force=force)
+    _check_place(directory, force)
     set_threads(request.settings)
     env, first_seed = make_envs(request, config, 0)
     try:
@@ -97,19 +103,37 @@ def train(
         if request.start is not None:
             begin_with(model, request.start, config)
         # Not before everything is known to be possible: what is there may be an older run.
-        storage.claim_directory(directory, force=force)
-        # With force: an interruption before the first save must not leave the old run's policy.
-        for name in (RUN_FILE, EVALUATIONS_FILE):
-            (directory / name).unlink(missing_ok=True)
-        remove_policy(directory)
-        for name in ("checkpoints", "tensorboard"):
-            shutil.rmtree(directory / name, ignore_errors=True)
-        # The model has seeded the environments with its own seed, which evaluations may use.
-        env.seed(first_seed)
-        run = Run(directory, _new_record(request, config), model, config, request)
-        return _fly(run, request, first_seed, watcher or SilentWatcher())
+        storage.claim_directory(directory, force=True)
+        with workplace.noting(directory, WORK, before=lambda: _check_place(directory, force)):
+            # With force: an interruption before the first save must not leave the old run's policy.
+            for name in (RUN_FILE, EVALUATIONS_FILE):
+                (directory / name).unlink(missing_ok=True)
+            remove_policy(directory)
+            for name in ("checkpoints", "tensorboard"):
+                shutil.rmtree(directory / name, ignore_errors=True)
+            # The model has seeded the environments with its own seed, which evaluations may use.
+            env.seed(first_seed)
+            run = Run(directory, _new_record(request, config), model, config, request)
+            return _fly(run, request, first_seed, watcher or SilentWatcher())
     finally:
         env.close()
+
+
+def _check_place(directory: Path, force: bool) -> None:
+    """Refuse a directory that holds anything but a run which ended before it saved anything.
+
+    Raises
+    ------
+    ExistingResultError
+        The message says what can be done.
+    """
+    if (directory / RUN_FILE).exists():
+        nothing = False
+        with contextlib.suppress(RunError):
+            nothing = load_run(directory).checkpoint is None
+    else:
+        nothing = WORK.is_noted(directory)
+    storage.check_directory(directory, force=force or nothing)
 
 
 def request_of(record: RunRecord, *, steps: int | None = None) -> TrainingRequest:
@@ -139,46 +163,97 @@ def request_of(record: RunRecord, *, steps: int | None = None) -> TrainingReques
 
 
 def resume(
-    directory: Path, *, steps: int | None = None, watcher: Watcher | None = None
+    directory: Path,
+    *,
+    steps: int | None = None,
+    trust: bool = False,
+    watcher: Watcher | None = None,
 ) -> RunRecord:
     """Go on with an interrupted run, or extend a finished one to ``steps`` steps.
 
     Everything else is as the run began with, also how its learning curve is measured.
     The episodes after resuming are drawn from seeds of their own, so that a resumed run is as
-    good as an uninterrupted one but not bit for bit the same.
+    good as an uninterrupted one but not bit for bit the same. A run that was killed before its
+    first checkpoint begins anew.
+
+    Parameters
+    ----------
+    directory
+        Of the run.
+    steps
+        Environment steps of the whole run; those that it began with by default.
+    trust
+        Whether a checkpoint is loaded that this user has not written on this machine. Loading one
+        runs whatever its maker wants.
+    watcher
+        Is told how it goes.
 
     Raises
     ------
     RunError
-        No run there, a checkpoint that is missing or not the run's own, or nothing left to do.
+        No run there, a checkpoint that is missing, not the run's own or not this user's, or
+        nothing left to do.
+    BusyError
+        Another process trains there.
     """
     record = load_run(directory)
-    request = request_of(record, steps=steps)
     if record.checkpoint is None:
-        raise RunError(f"{directory} was interrupted before its first checkpoint: train it anew")
+        return _begun_anew(
+            directory, record, request_of(record, steps=steps), watcher or SilentWatcher()
+        )
+    with workplace.noting(directory, WORK):
+        # what another process has written until it let the directory go counts
+        return _resumed(directory, load_run(directory), steps, trust, watcher or SilentWatcher())
+
+
+def _resumed(
+    directory: Path, record: RunRecord, steps: int | None, trust: bool, watcher: Watcher
+) -> RunRecord:
+    request = request_of(record, steps=steps)
     if record.steps >= request.steps:
         raise RunError(
             f"{directory} has all of its {record.steps} steps; give a larger --steps to go on"
         )
-    path = checkpoint_file(directory, record)
     config = environment_config(record.env_id, {"config": record.config})
-    set_threads(request.settings)
-    env, first_seed = make_envs(request, config, len(record.segments))
-    try:
-        model = ALGORITHMS[record.algorithm].load(path, env=env, device="cpu")
+    with contextlib.ExitStack() as opened:
+        kinds = ("model", *({"replay_buffer"} & (record.checkpoint or {}).keys()))
+        files = {
+            kind: opened.enter_context(open_checkpoint(directory, record, kind, trust=trust))
+            for kind in kinds
+        }
+        set_threads(request.settings)
+        env, first_seed = make_envs(request, config, len(record.segments))
+        opened.callback(env.close)
+        model = ALGORITHMS[record.algorithm].load(files["model"], env=env, device="cpu")
         model.set_random_seed(request.seed + len(record.segments))
         if isinstance(model, OffPolicyAlgorithm):
-            if record.checkpoint.get("replay_buffer"):
-                model.load_replay_buffer(checkpoint_file(directory, record, "replay_buffer"))
+            if "replay_buffer" in files:
+                model.load_replay_buffer(files["replay_buffer"])
             else:
                 # Killed before it could save its buffer: fill it anew before learning from it.
                 model.learning_starts += model.num_timesteps
         env.seed(first_seed)
         record.target_steps, record.status = request.steps, "running"
         run = Run(directory, record, model, config, request)
-        return _fly(run, request, first_seed, watcher or SilentWatcher())
-    finally:
-        env.close()
+        return _fly(run, request, first_seed, watcher)
+
+
+def _begun_anew(
+    directory: Path, record: RunRecord, request: TrainingRequest, watcher: Watcher
+) -> RunRecord:
+    """Train what a run was asked for that ended before it could save anything.
+
+    Raises
+    ------
+    RunError
+        The policy that it began with is not what it was.
+    """
+    if record.start is not None:
+        start = Path(str(record.start.get("directory")))
+        if _start_of(start) != record.start:
+            raise RunError(f"{start}: the policy is not the one that the run began with")
+        request = replace(request, start=start)
+    return train(directory, request, watcher=watcher)
 
 
 def _fly(run: Run, request: TrainingRequest, first_seed: int, watcher: Watcher) -> RunRecord:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 from drm_baselines.errors import MissingPackageError
 
-_CLI = ("rich", "typer")
+_CLI = ("filelock", "platformdirs", "rich", "typer")
 _EVALUATE = (*_CLI, "matplotlib", "scipy")
 _PLAN = ("clarabel", "scipy")
 

@@ -26,6 +26,11 @@ from numpy.typing import NDArray
 from drm_baselines.errors import ExistingResultError, RunError, WriteError
 from drm_baselines.support.liveness import is_alive, machine_mark
 
+LOCK_FILE = ".drm.lock"
+"""Held by whoever works in a directory."""
+NOTE_FILE = ".drm.work.json"
+"""Says what is unfinished in a directory; see :mod:`drm_baselines.support.workplace`."""
+
 _OWN = ".drm-"
 """What the names of temporary files begin with; machine and process follow."""
 _TEMPORARY = re.compile(rf"{re.escape(_OWN)}(?P<machine>[0-9a-f]{{8}})-(?P<process>[0-9]+)-.*")
@@ -191,6 +196,11 @@ def load_arrays(path: Path, digest: str) -> dict[str, NDArray[Any]] | None:
         raise RunError(f"{path} cannot be read: {error}; delete it to make it anew") from error
 
 
+def _is_foreign(path: Path) -> bool:
+    """Whether a file is something that would be lost, and not this project's own housekeeping."""
+    return path.name not in (LOCK_FILE, NOTE_FILE) and not is_temporary(path.name)
+
+
 def check_directory(directory: Path, *, force: bool = False) -> None:
     """Refuse a directory that :func:`claim_directory` refuses, without making it.
 
@@ -201,7 +211,7 @@ def check_directory(directory: Path, *, force: bool = False) -> None:
     """
     if directory.exists() and not directory.is_dir():
         raise ExistingResultError(f"{directory} is a file, not a directory")
-    if directory.is_dir() and any(directory.iterdir()) and not force:
+    if directory.is_dir() and not force and any(map(_is_foreign, directory.iterdir())):
         raise ExistingResultError(
             f"{directory} is not empty; give --force to replace its files, or another directory"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import csv
 import html
 import io
@@ -16,7 +17,7 @@ from string import Template
 from matplotlib.figure import Figure
 
 from drm_baselines.errors import ExistingResultError
-from drm_baselines.support import storage
+from drm_baselines.support import storage, workplace
 from drm_baselines.thesis.results import Entry, Grid, Outcome, Row, Verdict
 
 Results = Sequence[tuple[Entry, Outcome]]
@@ -192,18 +193,22 @@ def _place(entry: Entry) -> str:
     return f"Thesis, {word}{entry.section}"
 
 
-def claim(out: Path, *, force: bool = False) -> None:
-    """Make the directory ``out``; one that holds earlier results of this kind may be renewed.
+def claimed(out: Path, *, force: bool = False) -> contextlib.AbstractContextManager[bool]:
+    """Return a context that holds the directory ``out``; earlier results there may be renewed.
+
+    So may those that were interrupted.
 
     Raises
     ------
     ExistingResultError
         It holds something else and ``force`` is false.
+    BusyError
+        Another process works there.
     """
     ours = any((out / f"{stem}.csv").is_file() for stem in ("reproduction", "selection"))
     if out.exists() and not out.is_dir():
         raise ExistingResultError(f"{out} is a file, not a directory")
-    storage.claim_directory(out, force=force or ours)
+    return workplace.working(out, workplace.Work("drm reproduce"), force=force or ours)
 
 
 def write_results(
@@ -220,7 +225,7 @@ def write_results(
     chosen
         What to compute.
     out
-        Directory, see `claim`.
+        Directory, see `claimed`.
     complete
         Whether these are all entries: the table and the page are then called
         ``reproduction``, else ``selection``.

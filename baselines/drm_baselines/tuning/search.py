@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drm_baselines.errors import BaselineError, ExistingResultError
-from drm_baselines.support import provenance, storage
+from drm_baselines.support import provenance, storage, workplace
 from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import stop_on_signal
 from drm_baselines.support.reading import read_table, shown
@@ -54,7 +54,6 @@ BEST_FILE = "best.toml"
 TRIALS_FILE = "trials.csv"
 SETTINGS_FILE = "settings.json"
 JOURNAL_FILE = "journal.log"
-_LOCK_FILE = "lock"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,11 +72,11 @@ class Search:
     ) -> tuple[list[Trial], int, bool]:
         """Run the missing trials; return all, how many were there, and whether some are missing."""
         optuna = _optuna()
-        begun = (self.directory / SETTINGS_FILE).is_file() and not force
-        if not begun:
+        if not (self.directory / SETTINGS_FILE).is_file():
             storage.claim_directory(self.directory, force=force)
-        with _alone(self.directory), _quiet(optuna), stop_on_signal() as stop:
-            if begun:
+        work = workplace.Work("drm tune")
+        with workplace.noting(self.directory, work), _quiet(optuna), stop_on_signal() as stop:
+            if (self.directory / SETTINGS_FILE).is_file() and not force:
                 self._check_settings()
             else:
                 self._clear()
@@ -151,10 +150,11 @@ class Search:
 
     def _clear(self) -> None:
         """Remove what an older search left, and nothing else."""
-        for name in (SETTINGS_FILE, JOURNAL_FILE, TRIALS_FILE, GAINS_FILE, BEST_FILE):
-            (self.directory / name).unlink(missing_ok=True)
         for folder in self.directory.glob("trial_[0-9][0-9][0-9]"):
             shutil.rmtree(folder)
+        # the settings last: a directory that has them is a search's, whatever else is gone
+        for name in (JOURNAL_FILE, TRIALS_FILE, GAINS_FILE, BEST_FILE, SETTINGS_FILE):
+            (self.directory / name).unlink(missing_ok=True)
 
 
 def _optuna() -> Any:
@@ -173,23 +173,11 @@ def _quiet(optuna: Any) -> Iterator[None]:
         optuna.logging.set_verbosity(before)
 
 
-@contextlib.contextmanager
-def _alone(directory: Path) -> Iterator[None]:
-    """Refuse a second search in the same directory while one runs, where the system can tell."""
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
-    with (directory / _LOCK_FILE).open("w") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise BaselineError(f"another search runs in {directory}") from None
-        yield
-
-
 def _open_study(optuna: Any, path: Path) -> Study:
+    # This process holds the directory: whoever made these locks was killed while it had them, and
+    # Optuna would wait 30 s in silence before it took them.
+    for left in path.parent.glob(f"{path.name}.lock*"):
+        left.unlink(missing_ok=True)
     if path.is_file():
         # A process that was killed while it wrote leaves half a line, which Optuna refuses.
         content = path.read_bytes()

@@ -177,3 +177,29 @@ def test_a_policy_that_is_no_student_is_refused(
 def test_refinements_that_cannot_share_their_intervals_are_refused() -> None:
     with pytest.raises(BaselineError, match=r"settling\.tail must be .* \(1\.0\), got 2\.0"):
         replace(STUDY, settling=replace(SETTLING, tail=2.0))
+
+
+def test_an_interrupted_student_is_taken_up_without_force(
+    tmp_path: Path, plans: list[teacher.Plans], intervals: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dagger, "_CURVE_EPISODES", 2)
+    still = {"refinement": replace(REFINEMENT, steps=0), "settling": replace(SETTLING, steps=0)}
+    study = replace(STUDY, **still)
+    whole = dagger.imitate(tmp_path / "whole", study, plans, intervals)
+    directory = tmp_path / "run"
+
+    def interrupting(stage: str, number: int, point: dict[str, float] | None) -> None:
+        raise OSError("killed")
+
+    with pytest.raises(OSError, match="killed"):
+        dagger.imitate(directory, study, plans, intervals, watch=interrupting)
+    kept = load_policy(directory)
+    assert not kept.description["training"]["finished"]
+    with pytest.raises(ExistingResultError, match="unfinished drm imitate with other settings"):
+        dagger.imitate(directory, replace(study, seed=1), plans, intervals)
+    assert load_policy(directory).description == kept.description
+    dagger.imitate(directory, study, plans, intervals)
+    digests = [load_policy(each).description["weights_sha256"] for each in (whole, directory)]
+    assert digests[0] == digests[1]
+    with pytest.raises(ExistingResultError, match="not empty"):
+        dagger.imitate(directory, study, plans, intervals)

@@ -561,7 +561,7 @@ def test_the_command_writes_a_picture_a_table_and_a_page_that_stands_alone(tmp_p
     assert result.exit_code == 0, result.output + result.stderr
     assert "56.21" in result.stdout and "inferred" in result.stdout
     names = sorted(path.name for path in out.iterdir())
-    assert names == ["figure-4.38.png", "selection.csv", "selection.html"]
+    assert names == [".drm.lock", "figure-4.38.png", "selection.csv", "selection.html"]
     assert (out / "figure-4.38.png").read_bytes().startswith(b"\x89PNG")
     with (out / "selection.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -596,6 +596,26 @@ def test_the_command_refuses_what_it_cannot_do(tmp_path: Path) -> None:
     occupied = drm("reproduce", "--only", "figure-4.38", "--out", tmp_path)
     assert occupied.exit_code == 2 and "not empty" in occupied.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_the_command_takes_up_what_was_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from drm_baselines.thesis import writing
+
+    arguments = ("reproduce", "--only", "figure-4.38", "--out", tmp_path)
+
+    def killed(results: object) -> str:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(writing, "table_text", killed)
+        assert drm(*arguments).exit_code != 0
+    assert (tmp_path / "figure-4.38.png").is_file()
+    assert not (tmp_path / "selection.csv").exists()
+    result = drm(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert (tmp_path / "selection.csv").is_file()
 
 
 def test_the_command_lists_every_name() -> None:
