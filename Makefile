@@ -33,6 +33,11 @@ test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then it
 	$(BIN)/python -m pytest -n auto -m "not slow"
 	$(BIN)/python -m pytest -m slow --durations=5 -v
 
+.PHONY: soak
+soak: $(READY) ## what takes long: commands killed again and again, thousands of configurations
+	$(BIN)/python tools/soak.py --kills 20
+	DRM_PROFILE=soak $(BIN)/python -m pytest tests/test_properties.py -q
+
 # The next target that needs the engine compiles the release again: nothing is measured with this one.
 .PHONY: edit
 edit: $(TOOLS) ## compile the engine quickly after an edit (the same bits; CONTRIBUTING.md)

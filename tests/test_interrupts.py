@@ -81,6 +81,74 @@ CALLS = {
 }
 
 
+CALLS["making a batch"] = (
+    "_engine.Batch(_engine.Config('slew', None, None), 400_000, 'next_step', None, None)"
+)
+
+ENDED = {
+    "Batch", "Batch.reset", "Batch.step", "Batch.get_state", "Batch.set_state", "Env.step",
+    "Network.act", "batch_benchmark", "env_benchmark", "kernel_benchmark", "rollout",
+    "sample_scenarios", "simulate", "transitions",
+}  # fmt: skip
+"""Calls that the tests of this file interrupt."""
+SHORT = {
+    # a number, a name, or a copy of what is there, as long as its result
+    "Batch": "action_size began_contexts contexts coordinates diverged env_state final_obs "
+    "has_reset horizon_steps metrics observation_size observations reset_happened signals success",
+    "Config": "action_size context control_period drawn horizon horizon_steps observation_layout "
+    "sample_period to_json",
+    "Env": "action_size context get_state has_reset horizon_steps observation_size report "
+    "scenario_json signals steps",
+    "Law": "control_period torque_limits", "Network": "inputs outputs",
+    "": "check_memory context_names distribution_names fine_scales instructions law_names load "
+    "measurement_names metric_names option_names_json panic_after_parts payload_inertias "
+    "reward_names schema_json signal_names table_2_7 task_names Config Env Law Model Network",
+}  # fmt: skip
+ONE_EPISODE = {
+    # the work of one environment, one draw or one extension of the arm: milliseconds
+    "Batch": "render_ansi render_rgb set_context set_env_context set_env_state",
+    "Env": "render_ansi render_rgb reset set_context set_state",
+    "Law": "torques",
+    "Model": "acceleration angular_momentum energy linearize matrices mode_shapes "
+    "natural_frequencies",
+}
+
+
+def test_every_call_of_the_engine_is_interrupted_or_said_to_be_short() -> None:
+    from drm_env import _engine
+
+    found = set()
+    for name, thing in vars(_engine).items():
+        if name.startswith("_") or not callable(thing):
+            continue
+        found.add(name)
+        if isinstance(thing, type):
+            found |= {f"{name}.{each}" for each in vars(thing) if not each.startswith("_")}
+    listed = set(ENDED)
+    for table in (SHORT, ONE_EPISODE):
+        for kind, names in table.items():
+            listed |= {f"{kind}.{name}".lstrip(".") for name in names.split()}
+    assert found - listed == set(), "new calls"
+    assert listed - found == set(), "calls that there are no more"
+
+
+def test_a_snapshot_of_many_environments_ends() -> None:
+    script = """
+        env = drm_env.DrmVectorEnv(100_000)
+        env.reset(seed=0)
+        state = env.get_state()
+        interrupted(lambda: CALL, 0.1)
+        try:
+            print(env.get_state() == state, flush=True)
+        except drm_env.SimulationError as error:
+            print("unusable" in str(error), flush=True)
+    """
+    for call in ("env.get_state()", "env.set_state(state)"):
+        output = run(script.replace("CALL", call))
+        assert_interrupted(output)
+        assert output.splitlines()[1] == "True", "whole, or said to be unusable"
+
+
 @pytest.mark.parametrize("name", CALLS)
 def test_a_long_call_ends(name: str) -> None:
     assert_interrupted(run(f"interrupted(lambda: {CALLS[name]})"))
