@@ -263,7 +263,7 @@ def test_bad_option_through_make() -> None:
         ({"num_threads": 0}, "num_threads.*0"),
         ({"max_episode_steps": 0}, "max_episode_steps.*0"),
         ({"autoreset_mode": "Sometimes"}, "autoreset_mode.*Sometimes"),
-        ({"render_mode": "human"}, "human"),
+        ({"render_mode": "hologram"}, "hologram"),
     ],
 )
 def test_bad_arguments_of_a_batch(arguments: dict[str, Any], match: str) -> None:

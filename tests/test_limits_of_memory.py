@@ -67,7 +67,8 @@ LIMITED = {
     ),
     "batch benchmark": ("_engine.batch_benchmark(config, 1_000_000, 1, 1)", "num_envs .* GiB"),
     "picture": (
-        "env = drm_env.DrmEnv(); env.reset(seed=0); env._engine.render_rgb(2**31, 2**31)",
+        "env = drm_env.DrmEnv(); env.reset(seed=0); "
+        "_engine.Painter(1, None, '', (0, 0, 0)).frame(env._engine, 2**31, 2**31)",
         "size .* GiB",
     ),
 }

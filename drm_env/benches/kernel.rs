@@ -1,16 +1,18 @@
-//! Times of the engine's inner parts: a Runge-Kutta step, whole manoeuvres, steps of batches.
+//! Times of the engine's inner parts: a Runge-Kutta step, whole manoeuvres, steps of batches, pictures.
 
 use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use drm_env::EnvConfig;
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::benchmark::kernel;
+use drm_env::config::parameter::Overrides;
 use drm_env::config::scenario::Scenario;
 use drm_env::control::Law;
 use drm_env::math::rng::Seed;
+use drm_env::render::{Follower, Look};
 use drm_env::rollout::rollout;
 use drm_env::simd::Instructions;
+use drm_env::{Env, EnvConfig};
 
 /// One thesis manoeuvre open loop a lane; an element is a Runge-Kutta step of an environment.
 fn steps(criterion: &mut Criterion) {
@@ -76,5 +78,32 @@ fn batches(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, steps, manoeuvres, batches);
+/// Pictures of the end of an episode, with its curves and its trail; an element is a picture.
+fn pictures(criterion: &mut Criterion) {
+    let mut env = Env::new(EnvConfig::default()).expect("the default configuration can be flown");
+    env.reset(Some(Seed::from_u64(0)), &Overrides::new())
+        .expect("it can be reset");
+    let mut follower = Follower::default();
+    while env.is_running() {
+        follower.take(&env, false).expect("it is being flown");
+        env.step(&[0.2, -0.2]).expect("it is running");
+    }
+    let mut group = criterion.benchmark_group("picture");
+    group.throughput(Throughput::Elements(1));
+    for (width, height) in [(320, 240), (640, 480), (800, 450), (1280, 720)] {
+        let look = Look {
+            width,
+            height,
+            title: "a policy".to_owned(),
+            colour: [0, 114, 178],
+        };
+        let name = format!("{width}x{height}");
+        group.bench_function(BenchmarkId::new("size", name), |bencher| {
+            bencher.iter(|| follower.draw(&look, None));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, steps, manoeuvres, batches, pictures);
 criterion_main!(benches);

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         SnapshotError,
         UnknownOptionError,
     )
+    from drm_env.film import Film
     from drm_env.law import ControlLaw
     from drm_env.metrics import METRIC_SYMBOLS, MetricEntry, episode_metrics
     from drm_env.model import Model
@@ -76,6 +77,7 @@ __all__ = [
     "DrmVectorEnv",
     "EnvConfig",
     "EnvironmentClosedError",
+    "Film",
     "LogUniform",
     "MetricEntry",
     "Model",
@@ -124,6 +126,7 @@ _HOMES = {
         "SnapshotError",
         "UnknownOptionError",
     ],
+    "film": ["Film"],
     "law": ["ControlLaw"],
     "metrics": ["METRIC_SYMBOLS", "MetricEntry", "episode_metrics"],
     "model": ["Model"],

@@ -20,15 +20,18 @@ __all__ = [
     "Batch",
     "Config",
     "Env",
+    "Film",
     "Law",
     "Model",
     "Network",
+    "Painter",
     "__version__",
     "batch_benchmark",
     "check_memory",
     "context_names",
     "distribution_names",
     "env_benchmark",
+    "film_signals",
     "fine_scales",
     "instructions",
     "kernel_benchmark",
@@ -37,6 +40,7 @@ __all__ = [
     "measurement_names",
     "metric_names",
     "option_names_json",
+    "palette",
     "panic_after_parts",
     "payload_inertias",
     "reward_names",
@@ -164,12 +168,6 @@ class Batch:
     def render_ansi(self, /, index: SupportsIndex) -> str:
         """
         A picture of one environment as text.
-        """
-    def render_rgb(
-        self, /, index: SupportsIndex, width: SupportsIndex, height: SupportsIndex
-    ) -> NDArray[uint8]:
-        """
-        A picture of one environment, (height, width, 3).
         """
     def reset(
         self,
@@ -321,10 +319,6 @@ class Env:
         """
         A picture as text.
         """
-    def render_rgb(self, /, width: SupportsIndex, height: SupportsIndex) -> NDArray[uint8]:
-        """
-        A picture, (height, width, 3).
-        """
     def report(self, /) -> NDArray[float64]:
         """
         The last reward's terms, the metrics of the episode so far, whether it diverged and whether
@@ -359,6 +353,48 @@ class Env:
     def steps(self, /) -> int:
         """
         Actions taken in this episode.
+        """
+
+@final
+class Film:
+    """
+    A flight that has been flown, to be drawn at any instant.
+    """
+    def __new__(
+        cls,
+        /,
+        scenario: str,
+        signals: NDArray[float64],
+        diverged: bool,
+        factor: SupportsFloat | None,
+    ) -> Film:
+        """
+        Of a scenario (JSON text) and the signals of its flight, an instant a row, in the order of
+        `film_signals`.
+        """
+    def frame(
+        self,
+        /,
+        time: SupportsFloat,
+        size: tuple[SupportsIndex, SupportsIndex],
+        title: str,
+        colour: SupportsGetItem[int, SupportsIndex],
+    ) -> NDArray[uint8]:
+        """
+        The picture at a time (s), (height, width, 3).
+        """
+    @property
+    def magnification(self, /) -> float:
+        """
+        Factor by which deflections are drawn larger.
+        """
+    def ranges(self, /) -> list[list[float]]:
+        """
+        Smallest and largest tip error (m), tip deflection (m) and slew angle (rad) of the flight.
+        """
+    def widen(self, /, ranges: SupportsGetItem[int, SupportsGetItem[int, SupportsFloat]]) -> None:
+        """
+        Lets curves and camera hold the ranges of another flight too.
         """
 
 @final
@@ -499,6 +535,58 @@ class Network:
         Entries of an action.
         """
 
+@final
+class Painter:
+    """
+    Follows environments and draws them; what it remembers is no part of their state.
+    """
+    def __new__(
+        cls,
+        /,
+        count: SupportsIndex,
+        magnification: SupportsFloat | None,
+        title: str,
+        colour: SupportsGetItem[int, SupportsIndex],
+    ) -> Painter:
+        """
+        For `count` environments.
+        """
+    def follow(self, /, env: Env, restart: bool) -> None:
+        """
+        Takes the present instant of an environment; `restart` forgets what was before.
+        """
+    def follow_batch(self, /, batch: Batch, restart: bool) -> None:
+        """
+        The same of every environment of a batch.
+        """
+    def frame(self, /, env: Env, width: SupportsIndex, height: SupportsIndex) -> NDArray[uint8]:
+        """
+        A picture of an environment, (height, width, 3).
+        """
+    def frame_of(
+        self,
+        /,
+        batch: Batch,
+        index: SupportsIndex,
+        width: SupportsIndex,
+        height: SupportsIndex,
+    ) -> NDArray[uint8]:
+        """
+        A picture of one environment of a batch, (height, width, 3).
+        """
+    def grid(
+        self,
+        /,
+        batch: Batch,
+        count: SupportsIndex,
+        width: SupportsIndex,
+        height: SupportsIndex,
+    ) -> NDArray[uint8]:
+        """
+        A picture of the first `count` environments of a batch beside and below each other,
+        (height, width, 3).
+        """
+
 def batch_benchmark(
     config: Config, num_envs: SupportsIndex, steps: SupportsIndex, num_threads: SupportsIndex | None
 ) -> float:
@@ -525,6 +613,11 @@ def distribution_names() -> list[str]:
 def env_benchmark(config: Config, steps: SupportsIndex) -> float:
     """
     Seconds that a single environment takes for `steps` control periods, resets included.
+    """
+
+def film_signals() -> list[str]:
+    """
+    Names of the signals that a film needs, in order.
     """
 
 def fine_scales() -> list[tuple[str, float]]:
@@ -569,6 +662,11 @@ def metric_names() -> list[str]:
 def option_names_json() -> str:
     """
     Every flat option as JSON text: name -> path, unit, randomizable, description.
+    """
+
+def palette() -> list[tuple[str, list[int]]]:
+    """
+    Red, green and blue of the colours of all pictures, by name.
     """
 
 def panic_after_parts(parts: SupportsIndex) -> None:

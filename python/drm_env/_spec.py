@@ -11,8 +11,14 @@ from gymnasium.envs.registration import EnvSpec
 
 from drm_env.configuration import options_to_data, to_data
 
-RENDER_SIZE = (800, 450)
-"""Width and height of a rendered frame, px."""
+RENDER_OPTIONS = (
+    "render_width",
+    "render_height",
+    "render_magnification",
+    "render_title",
+    "render_colour",
+)
+"""Arguments of environments that say how pictures look."""
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 100}
 """Gymnasium's metadata of the default configuration."""
 
@@ -60,7 +66,16 @@ def step_limit(limit: int | None, horizon_steps: int) -> int:
     return min(limit, horizon_steps)
 
 
-_PLAIN = {"task", "config", "render_mode", "num_envs", "autoreset_mode", "copy", "num_threads"}
+_PLAIN = {
+    "task",
+    "config",
+    "render_mode",
+    *RENDER_OPTIONS,
+    "num_envs",
+    "autoreset_mode",
+    "copy",
+    "num_threads",
+}
 _OF_MAKE_VEC = {"vectorization_mode", "vector_kwargs", "wrappers"}
 OF_BATCH = {"num_envs", "autoreset_mode", "copy", "num_threads", *_OF_MAKE_VEC}
 """Arguments of a batch that a single environment does not have."""

@@ -16,6 +16,7 @@ __all__ = [
     "LAW_NAMES",
     "LAW_PERIOD",
     "LINK_END_DEFLECTION",
+    "PALETTE",
     "PAYLOAD_INERTIAS",
     "SCHEDULED_EXTENSION_SCALE",
     "SCHEDULED_MASS_SCALE",
@@ -40,6 +41,12 @@ LAW_PERIOD: float = _engine.LAW_PERIOD
 LINK_END_DEFLECTION: float = _engine.LINK_END_DEFLECTION
 """Deflection of a link's end, m, per unit of its coordinate alpha or beta in the thesis' plant: the
 assumed shape 3 u^2 - u^3 at u = 1."""
+
+PALETTE: dict[str, str] = {
+    name: "#{:02X}{:02X}{:02X}".format(*rgb) for name, rgb in _engine.palette()
+}
+"""Colours of all pictures, ``"#RRGGBB"`` by name: those of Okabe and Ito, which stay apart for the
+colour-blind, and a grey."""
 
 SIGNAL_NAMES: tuple[str, ...] = tuple(_engine.signal_names())
 """The signals of a trajectory, in order: what `rollout` can keep."""

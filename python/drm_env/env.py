@@ -18,9 +18,10 @@ from drm_env._closed_engine import ClosedEngine
 from drm_env._infos import CONTEXT_KEYS, REPORT_KEYS, context_info
 from drm_env._seeding import seed_bytes
 from drm_env._spaces import ObservationEntry
-from drm_env._spec import METADATA, RENDER_SIZE, json_spec, own_metadata
+from drm_env._spec import METADATA, json_spec, own_metadata
 from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError
+from drm_env.pictures import Look, Pictures
 from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
@@ -156,6 +157,13 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     render_mode : str, optional
         ``"rgb_array"``, ``"ansi"``, or ``"human"``: a window if pygame is installed, else text in
         the terminal.
+    render_width, render_height : int
+        Size of pictures, px.
+    render_magnification : float, optional
+        Factor by which deflections are drawn larger than they are; by default one that follows from
+        the manoeuvre and stays through the episode.
+    render_title, render_colour : str
+        What stands above the arm, and the colour (``"#RRGGBB"``) of link 2, curves and trail.
     **options
         Any of `drm_env.option_names`. Parameters of the manoeuvre take a number (or name), which
         fixes them; a tuple ``(low, high)``, drawn uniformly for each episode; a list of choices;
@@ -192,6 +200,11 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         task: str = "slew",
         config: ConfigLike = None,
         render_mode: str | None = None,
+        render_width: int = Look.width,
+        render_height: int = Look.height,
+        render_magnification: float | None = None,
+        render_title: str = Look.title,
+        render_colour: str = Look.colour,
         **options: Unpack[Options],
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -199,9 +212,11 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
                 f"render_mode must be one of {self.metadata['render_modes']} or None, "
                 f"got {render_mode!r}"
             )
+        look = Look(render_width, render_height, render_magnification, render_title, render_colour)
         self._resolved = resolve_options(task, config, options)
         self._engine = _engine.Env(self._resolved.held)
         self.render_mode = render_mode
+        self._pictures = Pictures(look) if render_mode in ("rgb_array", "human") else None
         self.metadata = own_metadata(self.control_period)
         self.observation_space = self._resolved.observation_space
         self.action_space = self._resolved.action_space
@@ -264,8 +279,10 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         observation = self._engine.reset(None if seed is None else seed_bytes(seed), text)
         self._seeded = True
         self._take_context()
-        if self.render_mode == "human":
-            self._viewer().start(self._engine)
+        if self._pictures is not None:
+            self._pictures.follow(self._engine, restart=True)
+            if self.render_mode == "human":
+                self._viewer().start(self._frame, self._engine.render_ansi)
         return observation, self._info.copy()
 
     def _take_context(self) -> None:
@@ -310,8 +327,11 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         observation, reward, terminated, truncated, report = self._engine.step(action)
         info = self._info.copy()
         info.update(zip(REPORT_KEYS, report, strict=True))
-        if self.render_mode == "human":
-            self._viewer().advance(self._engine, self.control_period)
+        if self._pictures is not None:
+            self._pictures.follow(self._engine)
+            if self.render_mode == "human":
+                period = self.control_period
+                self._viewer().advance(self._frame, self._engine.render_ansi, period)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | str | None:
@@ -335,11 +355,15 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
             )
             return None
         if self.render_mode == "rgb_array":
-            return self._engine.render_rgb(*RENDER_SIZE)
+            return self._frame()
         if self.render_mode == "ansi":
             return self._engine.render_ansi()
-        self._viewer().show(self._engine)
+        self._viewer().show(self._frame, self._engine.render_ansi)
         return None
+
+    def _frame(self) -> NDArray[np.uint8]:
+        assert self._pictures is not None, "pictures are drawn in their render modes"
+        return self._pictures.frame(self._engine)
 
     def _viewer(self) -> Viewer:
         if self._window is None:
@@ -464,6 +488,9 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         self._seeded = self._engine.has_reset()
         if self._seeded:
             self._take_context()
+            if self._pictures is not None:
+                # of what was before the snapshot nothing is known
+                self._pictures.follow(self._engine, restart=True)
 
     def clone(self) -> DrmEnv:
         """An independent environment in the same state."""

@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
-from drm_env._spec import RENDER_SIZE
-
-if TYPE_CHECKING:
-    from drm_env import _engine
+import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["Viewer"]
 
 FRAMES_PER_SECOND = 25
 """Frames for each second of simulated time."""
+
+Frame = Callable[[], NDArray[np.uint8]]
+"""Draws the present state, (height, width, 3)."""
+Letters = Callable[[], str]
+"""The present state as text."""
 
 
 class Viewer:
@@ -35,35 +39,36 @@ class Viewer:
             return
         self._pygame = pygame
 
-    def start(self, engine: _engine.Env) -> None:
+    def start(self, frame: Frame, letters: Letters) -> None:
         """Shows the beginning of an episode."""
         self._simulated = 0.0
-        self.show(engine)
+        self.show(frame, letters)
 
-    def advance(self, engine: _engine.Env, period: float) -> None:
+    def advance(self, frame: Frame, letters: Letters, period: float) -> None:
         """Takes note of ``period`` seconds simulated and shows a frame when one is due."""
         self._simulated += period
         if self._simulated + 1e-9 < 1.0 / FRAMES_PER_SECOND:
             return
         self._simulated = 0.0
         time.sleep(max(0.0, self._next_frame - time.monotonic()))
-        self.show(engine)
+        self.show(frame, letters)
 
-    def show(self, engine: _engine.Env) -> None:
+    def show(self, frame: Frame, letters: Letters) -> None:
         """Shows the present state at once."""
         self._next_frame = time.monotonic() + 1.0 / FRAMES_PER_SECOND
         if self._pygame is None:
             # Home and clear, so that successive pictures replace one another.
-            sys.stdout.write("\x1b[H\x1b[2J" + engine.render_ansi() + "\n")
+            sys.stdout.write("\x1b[H\x1b[2J" + letters() + "\n")
             sys.stdout.flush()
             return
         pygame = self._pygame
+        picture = frame()
+        height, width, _ = picture.shape
         if self._window is None:
             pygame.display.init()
-            self._window = pygame.display.set_mode(RENDER_SIZE)
+            self._window = pygame.display.set_mode((width, height))
             pygame.display.set_caption("Deployable robotic manipulator")
-        frame = engine.render_rgb(*RENDER_SIZE)
-        self._window.blit(pygame.surfarray.make_surface(frame.swapaxes(0, 1)), (0, 0))
+        self._window.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
         pygame.event.pump()
         pygame.display.flip()
 

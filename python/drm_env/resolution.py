@@ -9,7 +9,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from drm_env import _engine
-from drm_env._spec import OF_BATCH
+from drm_env._spec import OF_BATCH, RENDER_OPTIONS
 from drm_env.configuration import ConfigLike, resolve_options
 from drm_env.errors import ConfigError
 from drm_env.resolved import ResolvedConfig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["resolve", "spec_of"]
 
 _ENTRY_POINTS = ("drm_env.env:DrmEnv", "drm_env.vector:DrmVectorEnv")
-_NOT_OF_CONFIG = {*OF_BATCH, "render_mode", "max_episode_steps"}
+_NOT_OF_CONFIG = {*OF_BATCH, "render_mode", *RENDER_OPTIONS, "max_episode_steps"}
 
 
 def resolve(

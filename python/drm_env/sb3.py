@@ -45,6 +45,11 @@ if TYPE_CHECKING:
         task: str
         config: ConfigLike
         render_mode: str | None
+        render_width: int
+        render_height: int
+        render_magnification: float | None
+        render_title: str
+        render_colour: str
         max_episode_steps: int | None
         num_threads: int | None
 

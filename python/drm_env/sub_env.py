@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drm_env._arguments import refuse_option
 from drm_env._infos import REWARD_KEYS, Info, Observations
-from drm_env._spec import RENDER_SIZE, single_spec
+from drm_env._spec import single_spec
 from drm_env.configuration import flat_options
 from drm_env.errors import ConfigError
 
@@ -58,6 +58,9 @@ class _Batch(Protocol):
         """As `gymnasium.vector.VectorEnv.reset`."""
 
     def _after_restore(self) -> None: ...
+
+    def frame_of(self, index: int) -> NDArray[np.uint8]:
+        """The picture of one sub-environment."""
 
 
 class SubEnv:
@@ -172,7 +175,7 @@ class SubEnv:
         """The present state as a picture or text; see `DrmEnv.render`."""
         engine = self._batch._engine
         if self._batch.render_mode == "rgb_array":
-            return engine.render_rgb(self._index, *RENDER_SIZE)
+            return self._batch.frame_of(self._index)
         if self._batch.render_mode == "ansi":
             return engine.render_ansi(self._index)
         return None

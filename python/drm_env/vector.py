@@ -40,6 +40,7 @@ from drm_env._spaces import ObservationEntry, batch_box
 from drm_env._spec import json_spec, own_metadata, step_limit
 from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError, ResetNeededError
+from drm_env.pictures import Look, Pictures
 from drm_env.resolved import ResolvedConfig
 from drm_env.sub_env import SubEnv
 
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
     from drm_env._config import EnvConfig
     from drm_env._options import Options, Parameters
+    from drm_env.rendering import Viewer
 
 __all__ = ["DrmVectorEnv"]
 
@@ -58,7 +60,7 @@ _MODES = {
     AutoresetMode.DISABLED: "disabled",
 }
 
-_RENDER_MODES = ["rgb_array", "ansi"]
+_RENDER_MODES = ["human", "rgb_array", "ansi"]
 _RESIDUAL_ENERGY = _engine.metric_names().index("residual_energy")
 
 
@@ -90,7 +92,10 @@ class DrmVectorEnv(
         have so many steps are truncated, and nothing else changes. ``None`` and -1: no limit but
         the horizon. One longer than the horizon does nothing but warn.
     render_mode
-        ``"rgb_array"`` or ``"ansi"``; ``render`` returns one frame a sub-environment.
+        ``"rgb_array"`` or ``"ansi"``; ``render`` returns one frame a sub-environment. ``"human"``
+        shows them in one window, beside and below each other.
+    render_width, render_height, render_magnification, render_title, render_colour
+        as for `DrmEnv`; in the mode ``"human"`` and of `render_grid` the size is that of the whole.
     autoreset_mode
         an `AutoresetMode` or its value, ``"NextStep"`` (default), ``"SameStep"`` or
         ``"Disabled"``.
@@ -129,6 +134,11 @@ class DrmVectorEnv(
         *,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        render_width: int = Look.width,
+        render_height: int = Look.height,
+        render_magnification: float | None = None,
+        render_title: str = Look.title,
+        render_colour: str = Look.colour,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         num_threads: int | None = None,
@@ -153,8 +163,12 @@ class DrmVectorEnv(
                 f"autoreset_mode must be one of {[mode.value for mode in AutoresetMode]}, "
                 f"got {autoreset_mode!r}"
             ) from None
+        look = Look(render_width, render_height, render_magnification, render_title, render_colour)
         self.num_envs = num_envs
         self.render_mode = render_mode
+        drawn = render_mode in ("rgb_array", "human")
+        self._pictures = Pictures(look, num_envs) if drawn else None
+        self._window: Viewer | None = None
         self.copy = bool(copy)
         self._resolved = resolve_options(task, config, options)
         self.metadata = {
@@ -295,6 +309,7 @@ class DrmVectorEnv(
             for index, (old, new) in enumerate(zip(last, seeds, strict=True))
         ]
         self._read_context(everywhere=unread or mask is None)
+        self._follow(0.0)
         return buffers.observations
 
     def step(
@@ -352,6 +367,8 @@ class DrmVectorEnv(
         if unread or any_reset:
             self._read_context(everywhere=unread)
         self._unread = False
+        if self._pictures is not None:
+            self._follow(self.control_period)
         return buffers, any_reset, any_done
 
     @property
@@ -395,14 +412,77 @@ class DrmVectorEnv(
         return engine.final_obs(), metrics, engine.diverged(), engine.success()
 
     def render(self) -> tuple[Any, ...] | None:
-        """One frame of each sub-environment, as `DrmEnv.render` returns it."""
+        """One frame of each sub-environment, as `DrmEnv.render` returns it.
+
+        In the mode ``"human"`` all are shown in one window, and nothing is returned.
+        """
         if self.render_mode is None:
             gym.logger.warn("render() needs a render mode; give one when making the environment")
             return None
+        if self.render_mode == "human":
+            self._viewer().show(self.render_grid, self._texts)
+            return None
         return tuple(env.render() for env in self.envs)
+
+    def render_grid(self, most: int = 16) -> NDArray[np.uint8]:
+        """The first sub-environments beside and below each other in one picture.
+
+        Parameters
+        ----------
+        most
+            sub-environments that are shown, at most.
+
+        Returns
+        -------
+        frame
+            uint8 of shape (render_height, render_width, 3).
+
+        Raises
+        ------
+        ConfigError
+            neither the mode ``"rgb_array"`` nor ``"human"``, or no positive number.
+        ResetNeededError
+            before the first ``reset``.
+        """
+        most = count("most", most)
+        if self._pictures is None:
+            raise ConfigError(
+                f"render_grid needs render_mode='rgb_array' or 'human', it is {self.render_mode!r}"
+            )
+        return self._pictures.grid(self._engine, min(most, self.num_envs))
+
+    def frame_of(self, index: int) -> NDArray[np.uint8]:
+        """The picture of one sub-environment, for `SubEnv`."""
+        assert self._pictures is not None, "pictures are drawn in their render modes"
+        return self._pictures.frame(self._engine, index)
+
+    def _texts(self) -> str:
+        """The first sub-environment, for terminals."""
+        return self._engine.render_ansi(0)
+
+    def _viewer(self) -> Viewer:
+        if self._window is None:
+            from drm_env.rendering import Viewer
+
+            self._window = Viewer()
+        return self._window
+
+    def _follow(self, period: float, *, restart: bool = False) -> None:
+        """Lets pictures know of the present instant, ``period`` seconds (0: anew) later."""
+        if self._pictures is None:
+            return
+        self._pictures.follow(self._engine, restart=restart)
+        if self.render_mode == "human":
+            if period == 0.0:
+                self._viewer().start(self.render_grid, self._texts)
+            else:
+                self._viewer().advance(self.render_grid, self._texts, period)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Lets go of the engine. Any further use is refused."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
         self._engine = ClosedEngine()  # type: ignore[assignment]
 
     # -- Infos -------------------------------------------------------------------------------
@@ -567,11 +647,15 @@ class DrmVectorEnv(
             self._read_context(everywhere=True)
         if self._buffers is not None:
             self._engine.observations(self._buffers.observations)
+        if self._seeded and self._pictures is not None:
+            # of what was before the snapshot nothing is known
+            self._pictures.follow(self._engine, restart=True)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the engine, and the engine's state as bytes."""
         state = self.__dict__.copy()
         engine = state.pop("_engine")
+        state["_window"] = None
         state["_snapshot"] = None if isinstance(engine, ClosedEngine) else engine.get_state()
         for name in ("_envs", "_contexts", "_ended_contexts", "_info", "_everywhere"):
             state.pop(name)

@@ -15,6 +15,7 @@ from drm_baselines.cli.evaluate import evaluate
 from drm_baselines.cli.imitate import imitate
 from drm_baselines.cli.info import info
 from drm_baselines.cli.modes import modes
+from drm_baselines.cli.render import render
 from drm_baselines.cli.reproduce import reproduce
 from drm_baselines.cli.simulate import simulate
 from drm_baselines.cli.stability import stability
@@ -63,8 +64,8 @@ def _options(
 
 
 for _command in (
-    info, modes, stability, simulate, compare, train, imitate, tune, evaluate, benchmark, demo,
-    reproduce, bench,
+    info, modes, stability, simulate, compare, render, train, imitate, tune, evaluate, benchmark,
+    demo, reproduce, bench,
 ):  # fmt: skip
     # these two see to the file that --json took once
     _loose = _command in (benchmark, bench)

@@ -23,6 +23,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "plot": ("matplotlib",),
     "evaluate": _EVALUATE,
     "plan": _PLAN,
+    "render": (*_CLI, "imageio", "imageio_ffmpeg"),
     "report": (*_EVALUATE, "clarabel", "jinja2", "pyarrow"),
     "learn": (*_EVALUATE, "clarabel", "stable_baselines3", "tensorboard", "torch"),
     "tune": (*_EVALUATE, "clarabel", "optuna"),

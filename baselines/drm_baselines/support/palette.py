@@ -1,16 +1,14 @@
-"""The colours of pictures: those of Okabe and Ito, which stay apart for the colour-blind."""
+"""The colours of pictures: those that the engine draws with."""
 
 from __future__ import annotations
 
-OKABE_ITO = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "sky blue": "#56B4E9",
-    "green": "#009E73",
-    "yellow": "#F0E442",
-    "blue": "#0072B2",
-    "vermilion": "#D55E00",
-    "purple": "#CC79A7",
-    "grey": "#777777",
-}
+from drm_env.constants import PALETTE
+
+OKABE_ITO = PALETTE
 """The palette, by colour; grey was added."""
+
+
+def paler(colour: str, share: float) -> str:
+    """Return a colour ``"#RRGGBB"`` mixed with white; ``share`` of it is white."""
+    parts = (round(part + share * (255 - part)) for part in bytes.fromhex(colour[1:]))
+    return "#{:02X}{:02X}{:02X}".format(*parts)

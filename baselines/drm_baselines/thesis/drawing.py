@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from drm_baselines.support.figures import LINES, SEQUENCE, subplots
+from drm_baselines.support.palette import OKABE_ITO, paler
 
 _Array = NDArray[np.float64]
 
 GREY = "0.6"
-PALE = "#F2C49B"
+PALE = paler(OKABE_ITO["vermilion"], 0.6)
 
 
 def panels(

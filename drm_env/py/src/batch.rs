@@ -4,15 +4,14 @@ use drm_env::batch::{Autoreset, Batch as Engine, COORDINATES, Ended, StepBuffers
 use drm_env::config::parameter::{COUNT, Overrides};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
-use drm_env::render::from_simulation::scene;
 use drm_env::simulation::metrics::METRIC_NAMES;
-use drm_env::{Env, interruption, memory, render};
+use drm_env::{Env, interruption, memory};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::arrays::{Count, In1, In2, InOut1, InOut2, Out1, Out2, Out3};
+use crate::arrays::{Count, In1, In2, InOut1, InOut2, Out1, Out2};
 use crate::config::Config;
-use crate::env::{flight, picture, settings, signals_now};
+use crate::env::{picture_of_letters, settings, signals_now};
 use crate::error::{Outcome, check_shape, detached};
 use crate::kept::ScenarioDelta;
 use crate::threads::within_processors;
@@ -39,7 +38,13 @@ pub(crate) struct Batch {
 }
 
 impl Batch {
-    fn env<T: Send>(
+    /// The engine.
+    pub(crate) fn engine(&self) -> &ScenarioDelta<Engine> {
+        &self.engine
+    }
+
+    /// Looks at one environment.
+    pub(crate) fn env<T: Send>(
         &self,
         py: Python<'_>,
         index: usize,
@@ -354,21 +359,9 @@ impl Batch {
         self.env(py, index, signals_now)
     }
 
-    /// A picture of one environment, (height, width, 3).
-    fn render_rgb<'py>(
-        &self,
-        py: Python<'py>,
-        index: usize,
-        width: u32,
-        height: u32,
-    ) -> Outcome<Out3<'py, u8>> {
-        let pixels = self.env(py, index, |env| picture(env, width, height))?;
-        Ok(Out3::new(py, (height as usize, width as usize, 3), pixels))
-    }
-
     /// A picture of one environment as text.
     fn render_ansi(&self, py: Python<'_>, index: usize) -> Outcome<String> {
-        self.env(py, index, |env| Ok(render::ansi(&scene(flight(env)?))))
+        self.env(py, index, picture_of_letters)
     }
 }
 

@@ -4,14 +4,14 @@ use drm_env::config::parameter::{Overrides, overrides};
 use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error, SimulationError};
 use drm_env::math::rng::Seed;
-use drm_env::render::from_simulation::scene;
+use drm_env::render::from_simulation::{magnification, moment, stage};
 use drm_env::rollout::{SIGNAL_NAMES, signals};
 use drm_env::simulation::Flight;
 use drm_env::simulation::metrics::METRIC_NAMES;
-use drm_env::{Env as Engine, Scenario, memory, render};
+use drm_env::{Env as Engine, Scenario, render};
 use pyo3::prelude::*;
 
-use crate::arrays::{In1, Out1, Out3};
+use crate::arrays::{In1, Out1};
 use crate::config::Config;
 use crate::error::{Outcome, detached};
 use crate::kept::ScenarioDelta;
@@ -42,12 +42,14 @@ pub(crate) fn scenario_text(scenario: &Scenario) -> String {
     serde_json::to_string(scenario).unwrap_or_default()
 }
 
-/// A picture of the flight as bytes, row by row.
-pub(crate) fn picture(engine: &Engine, width: u32, height: u32) -> Result<Vec<u8>, Error> {
-    let pixels = u128::from(width) * u128::from(height);
-    let size = format!("{width} x {height}");
-    memory::check("size", size, 8 * pixels, None, "a smaller picture")?;
-    Ok(render::draw(&scene(flight(engine)?), width, height))
+/// The present state as a picture of letters.
+pub(crate) fn picture_of_letters(engine: &Engine) -> Result<String, Error> {
+    let now = moment(flight(engine)?);
+    let scenario = engine.scenario();
+    Ok(render::ansi(
+        &stage(&scenario, magnification(&scenario))?,
+        &now,
+    ))
 }
 
 /// Entries of a report.
@@ -73,6 +75,13 @@ pub(crate) struct Env {
     action_size: usize,
     observation_size: usize,
     horizon_steps: usize,
+}
+
+impl Env {
+    /// The engine.
+    pub(crate) fn engine(&self) -> &ScenarioDelta<Engine> {
+        &self.engine
+    }
 }
 
 #[pymethods]
@@ -197,17 +206,8 @@ impl Env {
         self.engine.with(py, |engine| engine.set_state(state))
     }
 
-    /// A picture, (height, width, 3).
-    fn render_rgb<'py>(&self, py: Python<'py>, width: u32, height: u32) -> Outcome<Out3<'py, u8>> {
-        let pixels = self
-            .engine
-            .look(py, |engine| picture(engine, width, height))?;
-        Ok(Out3::new(py, (height as usize, width as usize, 3), pixels))
-    }
-
     /// A picture as text.
     fn render_ansi(&self, py: Python<'_>) -> Outcome<String> {
-        self.engine
-            .look(py, |engine| Ok(render::ansi(&scene(flight(engine)?))))
+        self.engine.look(py, picture_of_letters)
     }
 }

@@ -9,6 +9,7 @@ mod constants;
 mod env;
 mod error;
 mod kept;
+mod pictures;
 mod rollout;
 mod threads;
 
@@ -77,6 +78,8 @@ mod _engine {
     use super::env::Env;
     #[pymodule_export]
     use super::load;
+    #[pymodule_export]
+    use super::pictures::{Film, Painter, film_signals, palette};
     #[pymodule_export]
     use super::rollout::{Network, rollout};
 }

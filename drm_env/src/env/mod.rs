@@ -139,6 +139,11 @@ impl EnvPack<f64> {
         self.terms
     }
 
+    /// Sum of the rewards of this episode so far.
+    pub fn episode_return(&self) -> f64 {
+        self.episode_return
+    }
+
     /// Actions taken in this episode.
     pub fn steps(&self) -> u64 {
         self.steps as u64

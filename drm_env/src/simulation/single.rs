@@ -165,6 +165,11 @@ impl Flight<f64> {
         self.common.torques
     }
 
+    /// Momenta of the root and the tip wheel, N m s.
+    pub fn wheel_momenta(&self) -> [f64; 2] {
+        [self.common.root.momentum, self.common.tip.momentum]
+    }
+
     /// Whether every coordinate and rate is finite.
     pub fn is_finite(&self) -> bool {
         self.outputs().not_finite() == 0.0

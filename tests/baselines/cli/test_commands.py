@@ -24,6 +24,7 @@ COMMANDS = (
     "modes",
     "simulate",
     "compare",
+    "render",
     "train",
     "imitate",
     "tune",
