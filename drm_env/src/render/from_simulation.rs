@@ -24,7 +24,7 @@ const INSTANTS: usize = 48;
 /// # Errors
 /// A scenario that cannot be flown.
 pub fn stage(scenario: &Scenario, magnification: f64) -> Result<Stage, ConfigError> {
-    let plan = Plan::of_valid(scenario)?;
+    let plan = Plan::new(scenario)?;
     let limit = |limit: Option<f64>| limit.unwrap_or(f64::INFINITY);
     let at = |i: usize| {
         let time = scenario.horizon * i as f64 / INSTANTS as f64;
@@ -56,7 +56,7 @@ pub fn stage(scenario: &Scenario, magnification: f64) -> Result<Stage, ConfigErr
 /// A factor with which the bending of a manoeuvre can be seen: the arm is flown without control, and
 /// its largest deflection is drawn as about an eighth of its reach. 1, 2 or 5 times a power of ten.
 pub fn magnification(scenario: &Scenario) -> f64 {
-    let rehearsed = Plan::of_valid(scenario).and_then(|plan| {
+    let rehearsed = Plan::new(scenario).and_then(|plan| {
         let lasts = (plan.slew_end_time + 2.0).min(scenario.horizon);
         let samples = (lasts / scenario.sample_period).ceil();
         if samples * plan.steps_per_sample() as f64 > MOST_STEPS {
