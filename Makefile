@@ -10,7 +10,7 @@ UV := .venv/.uv
 TOOLS := .venv/.requirements
 READY := .venv/.ready
 
-RUST_SOURCES := $(shell find drm_env -name '*.rs' -o -name 'Cargo.toml' 2>/dev/null) Cargo.toml $(wildcard Cargo.lock)
+RUST_SOURCES := $(shell find drm_env -path drm_env/web -prune -o \( -name '*.rs' -o -name Cargo.toml \) -print 2>/dev/null) Cargo.toml $(wildcard Cargo.lock)
 
 DEVELOP := VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" maturin develop --uv
 INSTALL_BASELINES := $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps \
@@ -74,6 +74,12 @@ bench: $(READY) ## time the engine (Criterion)
 .PHONY: generate
 generate: $(READY) ## rewrite the type stub and the configuration dataclasses from the Rust sources
 	tools/generate.sh python/drm_env
+
+.PHONY: lab
+lab: $(READY) ## the page in which the arm is flown: site/lab/index.html (docs/lab.md)
+	@! command -v rustup > /dev/null || rustup target list --installed | grep -qx wasm32-unknown-unknown \
+	  || rustup target add wasm32-unknown-unknown
+	$(BIN)/python tools/lab.py site/lab/index.html
 
 .PHONY: docs
 docs: $(READY) ## API pages of the engine in target/doc

@@ -15,7 +15,7 @@ use crate::plant::RigidInertia;
 use crate::plant::thesis::Constants;
 use crate::reference::timeline::Piece;
 use crate::simd::dispatch::{Vector, Work, variants};
-use crate::simd::{Instructions, Laned, Pack};
+use crate::simd::{Instructions, Laned, Narrow};
 use crate::simulation::plan::Plan;
 use crate::simulation::propagate_thesis::{FsalCache, Segment, Switches, WheelDrive};
 
@@ -51,7 +51,7 @@ pub fn kernel(lanes: usize, steps: usize) -> Result<KernelTime, ConfigError> {
         8 => Manoeuvre::<crate::simd::x86::Wide8>::new(&plan).time(steps),
         #[cfg(target_arch = "x86_64")]
         4 => Manoeuvre::<crate::simd::x86::Wide4>::new(&plan).time(steps),
-        2 => Manoeuvre::<Pack<2>>::new(&plan).time(steps),
+        2 => Manoeuvre::<Narrow>::new(&plan).time(steps),
         _ => Manoeuvre::<f64>::new(&plan).time(steps),
     })
 }

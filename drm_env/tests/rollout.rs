@@ -11,7 +11,7 @@ use drm_env::env::sample_scenarios;
 use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
 use drm_env::rollout::{
-    Flown, Options, Pilot, Recording, SIGNAL_NAMES, fly, rollout, signals, simulate,
+    Flown, Options, Pilot, Recording, SIGNAL_NAMES, fly, fly_one, rollout, signals, simulate,
 };
 use drm_env::simd::Instructions;
 use drm_env::simulation::metrics::Metrics;
@@ -250,12 +250,15 @@ fn a_network_flies_the_episodes_that_stepping_an_environment_makes() {
                 let expected = env.metrics();
                 assert!(expected.episode_return < 0.0);
                 assert_eq!(metric_bits(&flown.metrics[i]), metric_bits(&expected));
+                let alone = fly_one(&checked[i], &pilot, 3, seeds[i]).unwrap();
+                assert_eq!(metric_bits(&alone.metrics), metric_bits(&expected));
                 let last = signals(env.flight(), env.flight().last_torques());
                 let rows = (expected.duration / 0.006).round() as usize;
                 for (column, (name, values)) in kept.signals.iter().enumerate() {
                     let values = &values[i * kept.samples..][..kept.samples];
                     let count = values.iter().filter(|value| value.is_finite()).count();
                     assert!(count.abs_diff(rows) <= 2, "{name}: {count} {rows}");
+                    assert_eq!(bits(&alone.signals[column]), bits(&values[..count]));
                     if !["slew_torque", "motor_power"].contains(name) {
                         assert_eq!(
                             values[count - 1].to_bits(),
@@ -461,4 +464,20 @@ fn nothing_is_flown_of_nothing() {
     let flown = fly(&[], &Pilot::law(&law).unwrap(), &[], &options, |_| true).unwrap();
     assert!(flown.metrics.is_empty());
     assert_eq!(flown.trajectories.unwrap().samples, 0);
+}
+
+#[test]
+fn one_manoeuvre_is_flown_under_any_pilot_and_refused_by_its_own_names() {
+    let (scenario, seed) = (varied()[3], Seed::from_u64(5));
+    let law = Law::named("linear").unwrap();
+    let pilot = Pilot::law(&law).unwrap();
+    let checked = ValidScenario::new(scenario).unwrap();
+    let alone = fly_one(&checked, &pilot, 7, seed).unwrap();
+    let plain = simulate(&scenario, &law, 7, seed).unwrap();
+    assert_eq!(metric_bits(&alone.metrics), metric_bits(&plain.metrics));
+    for (found, expected) in alone.signals.iter().zip(&plain.signals) {
+        assert_eq!(bits(found), bits(expected));
+    }
+    let none = fly_one(&checked, &pilot, 0, seed).unwrap_err();
+    assert_eq!(none.to_string(), "decimation must be at least 1, got 0");
 }

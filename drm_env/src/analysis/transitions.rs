@@ -12,7 +12,7 @@ use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
 use crate::rollout::law::{Given, LawController, Source};
 use crate::simd::dispatch::Vector;
-use crate::simd::{Instructions, Number, Pack};
+use crate::simd::{Instructions, Narrow, Number};
 use crate::simulation::Flight;
 use crate::simulation::any_plant::Motion;
 use crate::simulation::controller::Fly;
@@ -98,7 +98,7 @@ impl Transitions {
             Instructions::Avx512 => measure::<crate::simd::x86::Wide8>(&flight, samples, hold),
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2 => measure::<crate::simd::x86::Wide4>(&flight, samples, hold),
-            Instructions::Baseline => measure::<Pack<2>>(&flight, samples, hold),
+            _ => measure::<Narrow>(&flight, samples, hold),
         };
         measured.map_err(Into::into)
     }

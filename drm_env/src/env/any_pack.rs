@@ -16,7 +16,7 @@ use crate::math::rng::Seed;
 use crate::memory;
 use crate::simd::dispatch::Vector;
 use crate::simd::mask::lanes_of;
-use crate::simd::{Instructions, Pack};
+use crate::simd::{Instructions, Narrow};
 use crate::simulation::metrics::Metrics;
 
 /// Results of one step, a row a lane.
@@ -204,7 +204,7 @@ pub(crate) fn packs(
             8 => Box::new(EnvPack::<crate::simd::x86::Wide8>::spread(env)),
             #[cfg(target_arch = "x86_64")]
             4 => Box::new(EnvPack::<crate::simd::x86::Wide4>::spread(env)),
-            2 => Box::new(EnvPack::<Pack<2>>::spread(env)),
+            2 => Box::new(EnvPack::<Narrow>::spread(env)),
             _ => Box::new(env.clone()),
         }
     };

@@ -20,7 +20,7 @@ use crate::error::{ConfigError, Error, SimulationError};
 use crate::interruption::{self, Flag};
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
-use crate::simd::{Instructions, Pack};
+use crate::simd::{Instructions, Narrow};
 use crate::simulation::metrics::Metrics;
 
 use queue::{Ended, Queue};
@@ -167,7 +167,7 @@ fn fly_watched(
                 Some(8) => pilot.fly::<crate::simd::x86::Wide8>(&queue),
                 #[cfg(target_arch = "x86_64")]
                 Some(4) => pilot.fly::<crate::simd::x86::Wide4>(&queue),
-                Some(2) => pilot.fly::<Pack<2>>(&queue),
+                Some(2) => pilot.fly::<Narrow>(&queue),
                 _ => pilot.fly::<f64>(&queue),
             };
             let flag = Flag::of(&stop);
@@ -189,6 +189,39 @@ fn fly_watched(
         Some(error) => Err(error),
         None => Ok(flown),
     }
+}
+
+/// Flies one manoeuvre on the calling thread and keeps all its signals, every `every`-th sample, the first
+/// and the last included: the numbers are those of [`fly`]. It starts no thread and asks for no time, so
+/// that it works where there is neither. `seed` feeds the sensors' noise.
+///
+/// # Errors
+/// See [`fly`].
+pub fn fly_one(
+    scenario: &ValidScenario,
+    pilot: &Pilot<'_>,
+    every: usize,
+    seed: Seed,
+) -> Result<Trajectory, Error> {
+    let recording = Recording::new(&SIGNAL_NAMES, every)?;
+    let scenarios = std::slice::from_ref(scenario);
+    pilot.check(scenarios)?;
+    // for its check of the size
+    Trajectories::new(&recording, scenarios)?;
+    let (done, finished) = sync_channel(1);
+    pilot.fly::<f64>(&Queue {
+        scenarios,
+        seeds: &[seed],
+        recording: Some(&recording),
+        next: &AtomicUsize::new(0),
+        stop: &AtomicBool::new(false),
+        done,
+    });
+    let (_, ended) = finished
+        .try_recv()
+        .map_err(|_| SimulationError::Interrupted)?;
+    let Ended { metrics, rows } = ended?;
+    Ok(Trajectory::of_rows(&rows, metrics))
 }
 
 /// Takes results up until every thread has ended; the first failure, if there was one.

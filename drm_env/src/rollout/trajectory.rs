@@ -59,6 +59,17 @@ pub struct Trajectory {
     pub metrics: Metrics,
 }
 
+impl Trajectory {
+    /// From rows of every signal, one after the other.
+    pub(super) fn of_rows(rows: &[f64], metrics: Metrics) -> Self {
+        let column = |first| rows.iter().skip(first).step_by(SIGNAL_NAMES.len());
+        Self {
+            signals: std::array::from_fn(|first| column(first).copied().collect()),
+            metrics,
+        }
+    }
+}
+
 /// Signals at the present instant, SI, in the order of [`SIGNAL_NAMES`]; `torques` are slew motor,
 /// root and tip wheel, N m.
 pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] {

@@ -13,6 +13,8 @@ pub(crate) mod mask;
 mod pack;
 #[cfg(test)]
 pub(crate) mod paired;
+#[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+mod relaxed;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod x86;
 
@@ -20,6 +22,13 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 pub use pack::Pack;
+
+/// The pack of processors without an instruction set of their own here.
+#[cfg(not(target_arch = "wasm32"))]
+pub type Narrow = Pack<2>;
+/// WebAssembly has no fused multiplication of two numbers: a pack would gain nothing.
+#[cfg(target_arch = "wasm32")]
+pub type Narrow = f64;
 
 /// 2^52 + 1023: added to a small integer it leaves integer and exponent bias in the last bits.
 const BIASED: f64 = 4_503_599_627_371_519.0;
@@ -125,6 +134,9 @@ impl Lane for f64 {
 
     #[inline(always)]
     fn mul_add(self, factor: Self, addend: Self) -> Self {
+        #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+        return relaxed::mul_add(self, factor, addend);
+        #[cfg(not(all(target_arch = "wasm32", target_feature = "relaxed-simd")))]
         f64::mul_add(self, factor, addend)
     }
 
@@ -176,6 +188,15 @@ impl Lane for f64 {
     fn set_lane(&mut self, _index: usize, value: f64) {
         *self = value;
     }
+}
+
+/// Whether multiplications and additions are fused here, so that numbers have the bits of every other machine.
+/// A WebAssembly module with relaxed instructions cannot be sure.
+pub fn is_fused() -> bool {
+    let a = std::hint::black_box(1.0 + f64::EPSILON);
+    // (1 + e)^2 - (1 + 2 e) = e^2, and 0 if the square is rounded first
+    let rest = Lane::mul_add(a, a, -(1.0 + 2.0 * f64::EPSILON));
+    rest == f64::EPSILON * f64::EPSILON
 }
 
 /// Values of several lanes side by side, of which single ones can be taken out and put in.
@@ -422,6 +443,7 @@ impl Instructions {
     /// Environments side by side in the packs that these instructions make fast, the most first.
     pub fn widths(self) -> &'static [usize] {
         match self {
+            Self::Baseline if Narrow::WIDTH == 1 => &[1],
             Self::Baseline => &[2, 1],
             Self::Avx2 => &[4, 1],
             Self::Avx512 => &[8, 4, 1],

@@ -154,13 +154,18 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// [`ARMS`], unless whoever has them does not give them back: a forked process inherits the lock as it was,
 /// and nobody there may have it.
 fn arms() -> Option<MutexGuard<'static, Vec<Arc<ConsistentArm>>>> {
-    let begin = Instant::now();
+    // asked for only where somebody else has the lock: without threads there may be no clock either
+    let mut begin = None;
     loop {
         match ARMS.try_lock() {
             Ok(arms) => return Some(arms),
             Err(TryLockError::Poisoned(arms)) => return Some(arms.into_inner()),
-            Err(TryLockError::WouldBlock) if begin.elapsed() > PATIENCE => return None,
-            Err(TryLockError::WouldBlock) => std::thread::yield_now(),
+            Err(TryLockError::WouldBlock) => {
+                if begin.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+                    return None;
+                }
+                std::thread::yield_now();
+            }
         }
     }
 }
