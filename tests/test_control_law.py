@@ -40,7 +40,7 @@ def test_law_as_policy_flies_the_simulated_manoeuvre(law: str, arm: dict[str, An
         action = torques[0] / control.torque_limits
         observation, _, _, truncated, info = env.step(action.astype(np.float32))
     expected = drm_env.simulate(env.scenario(), law=law).metrics
-    # single precision has 6e-8; the clipped effort of the linear law amplifies it most, and the servo
+    # single precision has 6e-8; the clipped effort of the linear law amplifies it, and the servo
     # divides differences of the wheels' momentum by 2 ms
     within = 1e-3 if law == "servo" else 1e-4
     for name in METRICS:

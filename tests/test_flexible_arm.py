@@ -95,7 +95,7 @@ def test_a_damped_arm_loses_its_vibration_and_keeps_its_momentum() -> None:
 
 
 def test_deploying_a_payload_off_the_axis_turns_the_arm() -> None:
-    """Momentum stays zero: J theta' = m h a', so the arm turns by the integral of m h / J over a."""
+    """Momentum stays zero: J theta' = m h a', so it turns by the integral of m h / J over a."""
     mass, offset, start, end = 500.0, 0.05, 2.0, 4.0
     payload = {"mass": mass, "offset": offset}
     scenario: dict[str, Any] = {

@@ -16,6 +16,10 @@ from drm_env import _engine
 
 Array = NDArray[Any]
 
+# Columns of what a law is told and of what it remembers.
+MEASURED = len(drm_env.ControlLaw.MEASUREMENTS)
+REMEMBERED = drm_env.ControlLaw().initial_state(1).shape[1]
+
 
 def unaligned(plain: Array) -> Array:
     """Contiguous, a byte beside where its entries would lie."""
@@ -108,9 +112,9 @@ def network(lay: Callable[[Array], Array]) -> Array:
 
 def law(lay: Callable[[Array], Array]) -> Array:
     made = drm_env.ControlLaw("linear")
-    measurements = np.tile(np.linspace(0.1, 0.8, 8), (3, 1))
+    measurements = np.tile(np.linspace(0.1, 0.8, MEASURED), (3, 1))
     start = lay(np.array([True, True, True]))
-    return np.hstack(made.torques(lay(measurements), lay(np.zeros((3, 3))), start))
+    return np.hstack(made.torques(lay(measurements), lay(np.zeros((3, REMEMBERED))), start))
 
 
 def partial_reset(lay: Callable[[Array], Array]) -> Array:
@@ -166,10 +170,10 @@ def test_no_rows_are_no_results(lay: Callable[[Array], Array]) -> None:
     made = drm_env.Network([(np.ones((2, 3), np.float32), np.zeros(2, np.float32))])
     assert made(lay(np.zeros((0, 3), np.float32))).shape == (0, 2)
     torques, state = drm_env.ControlLaw("linear").torques(
-        lay(np.zeros((0, 8))), lay(np.zeros((0, 3))), lay(np.zeros(0, np.bool_))
+        lay(np.zeros((0, MEASURED))), lay(np.zeros((0, REMEMBERED))), lay(np.zeros(0, np.bool_))
     )
     assert torques.shape == (0, 2)
-    assert state.shape == (0, 3)
+    assert state.shape == (0, REMEMBERED)
     flown = drm_env.rollout([{"horizon": 0.1}], torques=lay(np.zeros((1, 0, 2))))
     assert flown["tip_error_rms"].shape == (1,)
 
@@ -192,8 +196,8 @@ def test_every_byte_but_zero_is_true() -> None:
         env.step(np.ones((4, 2), np.float32))
         results.append(env.reset(seed=[7, 8, 9, 10], options={"reset_mask": mask})[0])
         made = drm_env.ControlLaw("linear")
-        measurements = np.tile(np.linspace(0.1, 0.8, 8), (4, 1))
-        results.append(made.torques(measurements, np.ones((4, 3)), mask)[0])
+        measurements = np.tile(np.linspace(0.1, 0.8, MEASURED), (4, 1))
+        results.append(made.torques(measurements, np.ones((4, REMEMBERED)), mask)[0])
     assert results[0].tobytes() == results[2].tobytes()
     assert results[1].tobytes() == results[3].tobytes()
 

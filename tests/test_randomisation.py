@@ -299,6 +299,8 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "deflection_rate_resolution": (1e-2, {}),
     "sensor_delay": (0.02, {}),
     "structural_damping": (1e-3, {}),
+    "damping_ratio": (0.02, {}),
+    "payload_offset": (0.3, {}),
     "link1_length": (6.5, {"deployment_start": 2.0}),
     "link1_bending_stiffness": (2.0e6, {}),
     "link1_mass_per_length": (12.0, {}),
@@ -306,6 +308,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "link2_bending_stiffness": (2.0e6, {}),
     "link2_mass_per_length": (8.0, {}),
 }
+OF_THE_CONSISTENT_PLANT = {"damping_ratio", "payload_offset"}
 ONLY_MEASURED = {
     "angle_noise",
     "rate_noise",
@@ -319,9 +322,14 @@ ONLY_MEASURED = {
 }
 
 
-def flown(options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def plant_with(name: str) -> str:
+    """The plant that has a parameter of the context."""
+    return "consistent" if name in OF_THE_CONSISTENT_PLANT else "thesis"
+
+
+def flown(options: dict[str, Any], plant: Any) -> tuple[np.ndarray, np.ndarray]:
     """Motion and observations of half a second with full wheel torques, from option to state."""
-    env = drm_env.DrmEnv(task="slew_thesis", control_period=0.01, horizon=0.5)
+    env = drm_env.DrmEnv(task="slew_thesis", control_period=0.01, horizon=0.5, plant=plant)
     observation, _ = env.reset(seed=1, options=options)
     observations, motion = [observation], []
     for index in range(50):
@@ -335,8 +343,9 @@ def flown(options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("name", CONTEXT_NAMES)
 def test_every_parameter_of_the_context_has_an_effect(name: str) -> None:
     value, also = CHANGES[name]
-    motion, observations = flown(also)
-    changed_motion, changed_observations = flown({**also, name: value})
+    plant = plant_with(name)
+    motion, observations = flown(also, plant)
+    changed_motion, changed_observations = flown({**also, name: value}, plant)
     if name in ONLY_MEASURED:
         np.testing.assert_array_equal(changed_motion, motion)
         assert np.abs(changed_observations - observations).max() > 1e-6
@@ -347,9 +356,13 @@ def test_every_parameter_of_the_context_has_an_effect(name: str) -> None:
 
 def test_every_change_is_reported_in_the_context() -> None:
     assert set(CHANGES) == set(CONTEXT_NAMES)
-    env = drm_env.DrmEnv(task="slew_thesis")
-    _, plain = env.reset(seed=1)
+    envs: dict[str, Any] = {
+        plant: drm_env.DrmEnv(config={"scenario": {"plant": plant}}, task="slew_thesis")
+        for plant in ("thesis", "consistent")
+    }
     for name, (value, also) in CHANGES.items():
+        env = envs[plant_with(name)]
+        _, plain = env.reset(seed=1)
         _, info = env.reset(seed=1, options={**also, name: value})
         if isinstance(value, float):
             assert info[f"context/{name}"] == pytest.approx(value, rel=1e-12), name

@@ -69,7 +69,7 @@ POLICIES = _all(
     ("none", "open loop", "open loop", "grey", "-", "X"),
     ("linear", "law", "linear law", "blue", "-", "o"),
     ("lyapunov", "law", "Lyapunov law", "orange", "-", "^"),
-    ("servo", "law", "servo with modal damping", "green", "--", "p"),
+    ("servo", "law", "servo with modal damping", "green", "--", "H"),
     ("linear_tuned", "tuned law", "linear law, retuned", "blue", "--", "s"),
     ("lyapunov_tuned", "tuned law", "Lyapunov law, retuned", "orange", "--", "v"),
     ("lqr", "tuned law", "LQR, scheduled and tuned", "blue", _DOTS, "D"),

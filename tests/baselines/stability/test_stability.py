@@ -57,7 +57,7 @@ def test_without_a_law_the_poles_are_those_of_the_damped_arm() -> None:
 def test_a_flight_grows_at_the_rate_of_the_worst_pole(law: str, loop: Loop) -> None:
     rate = growth_rate(closed_loop(law_data(law), LENGTH, MASS, loop=loop), loop.period)
     assert rate > 1.0
-    # from 1e-60 m by fifty orders: far from any limit of the wheels, and in the end the worst is alone
+    # from 1e-60 m by fifty orders: far from any limit, and in the end the worst is alone
     time, motion = released(law, loop, 120.0 / rate)
     envelope = np.maximum.accumulate(np.abs(motion))
     grown = envelope > envelope[-1] * 1e-15
