@@ -15,13 +15,14 @@ from drm_baselines.errors import BaselineError
 from drm_baselines.policies.names import styles
 from drm_baselines.support import storage
 from drm_baselines.support.extras import needing
+from drm_baselines.support.palette import OKABE_ITO
 from drm_env.film import frame_times
 
 with needing("a film", "render"):
     import imageio.v2 as imageio
 
     # imageio cannot be installed without it
-    from PIL import Image
+    from PIL import Image, ImageColor
 
 ENDINGS = (".mp4", ".gif")
 """What a film's file may end in."""
@@ -29,7 +30,7 @@ ENDINGS = (".mp4", ".gif")
 GAP = 2
 """Pixels between pictures beside each other."""
 
-GIF_COLOURS = 96
+GIF_COLOURS = 56
 """Colours of a GIF: anti-aliased lines in few hues need no more."""
 
 
@@ -201,9 +202,16 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
     """One palette for all pictures, so that what stays the same takes no room."""
     kept = [Image.fromarray(frame) for frame in frames]
     sample = [kept[index] for index in {0, len(kept) // 3, 2 * len(kept) // 3, len(kept) - 1}]
-    sheet = Image.new("RGB", (sample[0].width, sample[0].height * len(sample)))
+    width, height = sample[0].size
+    # so much of each colour of the policies that none is taken for another
+    patch = max(8, height // 8)
+    colours = list(OKABE_ITO.values())
+    sheet = Image.new("RGB", (width, height * len(sample) + patch * len(colours)))
     for index, picture in enumerate(sample):
-        sheet.paste(picture, (0, index * picture.height))
+        sheet.paste(picture, (0, index * height))
+    for index, colour in enumerate(colours):
+        top = height * len(sample) + patch * index
+        sheet.paste(ImageColor.getrgb(colour), (0, top, width, top + patch))
     palette = sheet.quantize(GIF_COLOURS, method=Image.Quantize.MEDIANCUT)
     drawn = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in kept]
     period = max(2, round(100.0 / fps)) * 10

@@ -153,7 +153,7 @@ impl Painter {
             flight(env)?;
             self.with(|followers| {
                 followers[index].take(env, false)?;
-                let look = self.label_of(index).look(width, height);
+                let look = self.label.look(width, height);
                 Ok(followers[index].draw(&look, self.magnification))
             })
         })?;

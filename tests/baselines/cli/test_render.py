@@ -14,7 +14,7 @@ from drm_baselines.policies.names import POLICIES
 imageio = pytest.importorskip("imageio.v3")
 pytest.importorskip("imageio_ffmpeg")
 
-SMALL = ("--set", "horizon=0.5", "--fps", "10", "--set", "deployment_end=0.4")
+SMALL = ("--set", "horizon=0.5", "--fps", "10")
 
 
 def drm(*arguments: str | Path | float) -> Result:
