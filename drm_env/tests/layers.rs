@@ -44,6 +44,10 @@ fn modules() -> BTreeMap<String, String> {
                 folders.push(path);
                 continue;
             }
+            // fonts, too, lie in the source tree
+            if path.extension().is_none_or(|extension| extension != "rs") {
+                continue;
+            }
             let below = path.strip_prefix(source()).expect("it is below src");
             let mut parts: Vec<String> = below
                 .with_extension("")

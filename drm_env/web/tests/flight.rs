@@ -27,7 +27,7 @@ fn bits(values: &[f64]) -> Vec<u64> {
 
 /// Those of a network from `inputs` to two outputs, without a hidden layer.
 fn layer() -> Layer {
-    let inputs = 34;
+    let inputs = 35;
     let weight = |i: usize| (i * 37 % 19) as f32 / 190.0 - 0.05;
     Layer {
         weights: (0..2 * inputs).map(weight).collect(),
@@ -102,7 +102,7 @@ fn what_cannot_be_flown_is_refused_in_the_engine_s_words() {
     let mut other = policy(&json!({}));
     other["policy"]["layers"] = json!([[2, 5]]);
     let other = asked(&other).expect_err("the weights are others");
-    assert_eq!(other, "weights must have 48 bytes, got 280");
+    assert_eq!(other, "weights must have 48 bytes, got 288");
     let horizon =
         asked(&policy(&json!({"scenario": {"horizon": 4.0}}))).expect_err("it is another");
     assert_eq!(horizon, "horizon must be 4, as in the policy's task, got 3");
