@@ -4,7 +4,7 @@ The engine of drm_env: everything that computes.
 
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-from _typeshed import SupportsGetItem
+from _typeshed import SupportsGetItem, SupportsLenAndGetItem
 from numpy import bool_, float32, float64, uint8
 from numpy.typing import NDArray
 
@@ -366,7 +366,7 @@ class Film:
         scenario: str,
         signals: NDArray[float64],
         diverged: bool,
-        factor: SupportsFloat | None,
+        factor: SupportsFloat | SupportsIndex | None,
     ) -> Film:
         """
         Of a scenario (JSON text) and the signals of its flight, an instant a row, in the order of
@@ -375,10 +375,10 @@ class Film:
     def frame(
         self,
         /,
-        time: SupportsFloat,
+        time: SupportsFloat | SupportsIndex,
         size: tuple[SupportsIndex, SupportsIndex],
         title: str,
-        colour: SupportsGetItem[int, SupportsIndex],
+        colour: SupportsLenAndGetItem[SupportsIndex],
     ) -> NDArray[uint8]:
         """
         The picture at a time (s), (height, width, 3).
@@ -392,7 +392,9 @@ class Film:
         """
         Smallest and largest tip error (m), tip deflection (m) and slew angle (rad) of the flight.
         """
-    def widen(self, /, ranges: SupportsGetItem[int, SupportsGetItem[int, SupportsFloat]]) -> None:
+    def widen(
+        self, /, ranges: SupportsLenAndGetItem[SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]
+    ) -> None:
         """
         Lets curves and camera hold the ranges of another flight too.
         """
@@ -544,9 +546,9 @@ class Painter:
         cls,
         /,
         count: SupportsIndex,
-        magnification: SupportsFloat | None,
+        magnification: SupportsFloat | SupportsIndex | None,
         title: str,
-        colour: SupportsGetItem[int, SupportsIndex],
+        colour: SupportsLenAndGetItem[SupportsIndex],
     ) -> Painter:
         """
         For `count` environments.
@@ -564,23 +566,13 @@ class Painter:
         A picture of an environment, (height, width, 3).
         """
     def frame_of(
-        self,
-        /,
-        batch: Batch,
-        index: SupportsIndex,
-        width: SupportsIndex,
-        height: SupportsIndex,
+        self, /, batch: Batch, index: SupportsIndex, width: SupportsIndex, height: SupportsIndex
     ) -> NDArray[uint8]:
         """
         A picture of one environment of a batch, (height, width, 3).
         """
     def grid(
-        self,
-        /,
-        batch: Batch,
-        count: SupportsIndex,
-        width: SupportsIndex,
-        height: SupportsIndex,
+        self, /, batch: Batch, count: SupportsIndex, width: SupportsIndex, height: SupportsIndex
     ) -> NDArray[uint8]:
         """
         A picture of the first `count` environments of a batch beside and below each other,
@@ -664,7 +656,7 @@ def option_names_json() -> str:
     Every flat option as JSON text: name -> path, unit, randomizable, description.
     """
 
-def palette() -> list[tuple[str, list[int]]]:
+def palette() -> list[tuple[str, bytes]]:
     """
     Red, green and blue of the colours of all pictures, by name.
     """
