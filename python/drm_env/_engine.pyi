@@ -363,13 +363,13 @@ class Film:
     def __new__(
         cls,
         /,
-        scenario: str,
+        scenario: str | Config,
         signals: NDArray[float64],
         diverged: bool,
         factor: SupportsFloat | SupportsIndex | None,
     ) -> Film:
         """
-        Of a scenario (JSON text) and the signals of its flight, an instant a row, in the order of
+        Of a manoeuvre and the signals of its flight, an instant a row, in the order of
         `film_signals`.
         """
     def frame(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine
-from drm_env._manoeuvres import scenario_json
+from drm_env._manoeuvres import engine_scenario
 from drm_env.errors import ConfigError
 from drm_env.pictures import Look
 
@@ -86,7 +86,7 @@ class Film:
         self._duration = float(times[-1])
         factor = self._look.magnification
         self._engine = _engine.Film(
-            scenario_json(scenario),
+            engine_scenario(scenario),
             np.column_stack(columns),
             bool(getattr(trajectory, "metrics", {}).get("diverged", False)),
             None if factor is None else float(factor),

@@ -2,7 +2,6 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use drm_env::config::scenario_from_json;
 use drm_env::error::{ConfigError, Error};
 use drm_env::render::from_simulation::{magnification, stage};
 use drm_env::render::palette::{PALETTE, Rgb};
@@ -12,6 +11,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{In2, Out3};
 use crate::batch::Batch;
+use crate::config::Manoeuvre;
 use crate::env::{Env, flight};
 use crate::error::{Outcome, check_shape, detached};
 
@@ -208,13 +208,13 @@ impl Film {
 
 #[pymethods]
 impl Film {
-    /// Of a scenario (JSON text) and the signals of its flight, an instant a row, in the order of
+    /// Of a manoeuvre and the signals of its flight, an instant a row, in the order of
     /// `film_signals`.
     #[new]
     #[pyo3(signature = (scenario, signals, diverged, factor))]
     fn new(
         py: Python<'_>,
-        scenario: &str,
+        scenario: Manoeuvre,
         signals: In2<f64>,
         diverged: bool,
         factor: Option<f64>,
@@ -222,8 +222,7 @@ impl Film {
         let rows = signals.shape()[0];
         check_shape("signals", signals.shape(), &[rows, FILM_SIGNALS.len()])?;
         detached(py, || {
-            let scenario = scenario_from_json(scenario)?;
-            scenario.validate()?;
+            let scenario = scenario.scenario(None)?;
             let factor = factor.unwrap_or_else(|| magnification(&scenario));
             let (rows, _) = signals.slice().as_chunks::<{ FILM_SIGNALS.len() }>();
             let moments = rows.iter().map(moment_of).collect();

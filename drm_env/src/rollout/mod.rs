@@ -205,7 +205,7 @@ pub fn fly_one(
 ) -> Result<Trajectory, Error> {
     let recording = Recording::new(&SIGNAL_NAMES, every)?;
     let scenarios = std::slice::from_ref(scenario);
-    pilot.check(scenarios)?;
+    pilot.check_one(scenario)?;
     // for its check of the size
     Trajectories::new(&recording, scenarios)?;
     let (done, finished) = sync_channel(1);

@@ -72,6 +72,15 @@ impl<'a> Pilot<'a> {
         }
     }
 
+    /// Refuses one manoeuvre that it cannot fly, by the manoeuvre's own names.
+    pub(super) fn check_one(&self, scenario: &ValidScenario) -> Result<(), ConfigError> {
+        match &self.0 {
+            Kind::Commands(Commands::Law(_)) => Ok(()),
+            Kind::Commands(Commands::Schedule(schedule)) => schedule.check_count(1),
+            Kind::Network(pilot) => pilot.check(scenario),
+        }
+    }
+
     /// Flies what waits in a queue.
     pub(super) fn fly<T: Vector>(&self, queue: &Queue<'_>) {
         match &self.0 {

@@ -88,7 +88,7 @@ pub fn fly(request: &str, weights: &[u8]) -> Result<Flown, Error> {
     let flown = match (request.law, request.policy) {
         (Some(law), None) => {
             let law = law_from_json(&law.to_string())?;
-            simulate(&scenario, &law, request.every, seed)?
+            simulate(scenario, &law, request.every, seed)?
         }
         (None, Some(policy)) => {
             let network = network(&policy, weights)?;

@@ -393,9 +393,9 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
             let mut lever = T::splat(0.0);
             for i in 1..=n + m {
                 lever = row[i].mul_add(q[i], lever);
-                force[i] = force[i] + row[i];
+                force[i] += row[i];
             }
-            inertia = inertia + (lever + lever);
+            inertia += lever + lever;
         }
         let growth = if self.moving {
             let l1 = arm.lengths[0];
@@ -844,7 +844,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         let load = &self.payload;
         let [row, _] = self.lever();
         let push = load.mass * load.offset * accel;
-        force[0] = force[0] + push;
+        force[0] += push;
         for i in 0..n {
             force[1 + i] = plus(
                 self.arm.turn[i],
