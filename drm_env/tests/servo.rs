@@ -13,7 +13,7 @@ use drm_env::config::scenario::Scenario;
 use drm_env::control::ServoLaw;
 use drm_env::math::generalized_alpha::GeneralizedAlpha;
 use drm_env::plant::consistent::{ConsistentPlant, ConsistentState, LowModes};
-use drm_env::plant::{Dynamics, Torques};
+use drm_env::plant::{Dynamics, PlantModel, Torques};
 use drm_env::simulation::servo_model;
 
 fn plant(row: usize, damping_ratio: f64) -> ConsistentPlant {
@@ -117,6 +117,7 @@ fn model_follows_the_arm_between_its_nodes() {
     for mass in [50.0, 200.0, 500.0] {
         let mut scenario = Scenario::default();
         scenario.payload.mass = mass;
+        scenario.plant = PlantModel::Consistent;
         let reported = scenario.reported().expect("the payload can be reported");
         let model = servo_model(&scenario, &reported, &ServoLaw::default()).expect("it exists");
         for error in [-0.2, 0.0, 0.13] {

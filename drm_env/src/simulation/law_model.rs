@@ -2,17 +2,29 @@
 
 use super::Flight;
 use crate::arm::PayloadProperties;
+use crate::arm::mode_shape::ShapeFamily;
 use crate::config::scenario::Scenario;
 use crate::control::servo::{MODES, Mode, Node};
 use crate::control::{ServoLaw, ServoModel};
 use crate::error::ConfigError;
-use crate::plant::consistent::{ConsistentPlant, LowModes};
-use crate::plant::{Dynamics, RigidInertia};
+use crate::plant::consistent::{ConsistentPlant, Kinematics, LowModes};
+use crate::plant::{Dynamics, PlantModel, RigidInertia};
 use crate::simd::mask::everyone;
 use crate::simd::{Laned, Number};
 
-/// Modes a link of the servo's model.
-const MODEL_MODES: (usize, usize) = (4, 4);
+/// Modes a link of the servo's model, and how they move: those of the plant that its user flies.
+fn kinematics(plant: PlantModel) -> ((usize, usize), Kinematics) {
+    match plant {
+        PlantModel::Consistent => ((4, 4), Kinematics::default()),
+        PlantModel::Thesis => (
+            (1, 1),
+            Kinematics {
+                shapes: ShapeFamily::B8,
+                slope_turning: false,
+            },
+        ),
+    }
+}
 
 /// The servo's model of the arm of a scenario with a payload as it is reported.
 ///
@@ -41,6 +53,7 @@ pub fn servo_model(
         scenario.root_wheel.torque_limit,
         scenario.tip_wheel.torque_limit,
     ];
+    let (modes, kinematics) = kinematics(scenario.plant);
     let mut made: Option<(f64, ConsistentPlant)> = None;
     ServoModel::new(
         range,
@@ -55,8 +68,14 @@ pub fn servo_model(
                     inertia_attachment: reported.inertia_attachment * part,
                     ..*reported
                 };
-                let plant =
-                    ConsistentPlant::new(&arm, &payload, &Dynamics::default(), MODEL_MODES, range)?;
+                let plant = ConsistentPlant::with_kinematics(
+                    &arm,
+                    &payload,
+                    &Dynamics::default(),
+                    modes,
+                    range,
+                    kinematics,
+                )?;
                 made = Some((part, plant));
             }
             let (_, plant) = made.as_ref().expect("it has been made");
