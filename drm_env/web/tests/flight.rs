@@ -53,7 +53,7 @@ fn a_law_flies_what_the_engine_simulates() {
     let found = asked(&json!({"law": "lyapunov"})).expect("it flies");
     let scenario = scenario_from_json(SCENARIO).expect("it can be flown");
     let law = Law::named("lyapunov").expect("there is one");
-    let expected = simulate(&scenario, &law, 5, Seed::from_u64(9)).expect("it flies");
+    let expected = simulate(scenario, &law, 5, Seed::from_u64(9)).expect("it flies");
     let mut numbers = expected.metrics.values().to_vec();
     expected
         .signals
