@@ -5,6 +5,7 @@ use std::sync::Arc;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use drm_env::batch::{Autoreset, Batch, StepBuffers};
 use drm_env::benchmark::kernel;
+use drm_env::config::ValidConfig;
 use drm_env::config::parameter::Overrides;
 use drm_env::config::scenario::Scenario;
 use drm_env::control::Law;
@@ -80,7 +81,9 @@ fn batches(criterion: &mut Criterion) {
 
 /// Pictures of the end of an episode, with its curves and its trail; an element is a picture.
 fn pictures(criterion: &mut Criterion) {
-    let mut env = Env::new(EnvConfig::default()).expect("the default configuration can be flown");
+    let config =
+        ValidConfig::new(EnvConfig::default()).expect("the default configuration is valid");
+    let mut env = Env::new(config).expect("the default configuration can be flown");
     env.reset(Some(Seed::from_u64(0)), &Overrides::new())
         .expect("it can be reset");
     let mut follower = Follower::default();
