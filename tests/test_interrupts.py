@@ -95,20 +95,25 @@ SHORT = {
     # a number, a name, or a copy of what is there, as long as its result
     "Batch": "action_size began_contexts contexts coordinates diverged env_state final_obs "
     "has_reset horizon_steps metrics observation_size observations reset_happened signals success",
-    "Config": "action_size context control_period drawn horizon horizon_steps observation_layout "
-    "sample_period to_json",
+    "Config": "action_size context control_period drawn horizon horizon_steps "
+    "identification_slopes observation_layout sample_period to_json",
     "Env": "action_size context get_state has_reset horizon_steps observation_size report "
     "scenario_json signals steps",
     "Law": "control_period torque_limits", "Network": "inputs outputs",
-    "": "check_memory context_names distribution_names fine_scales instructions law_names load "
-    "measurement_names metric_names option_names_json panic_after_parts payload_inertias "
-    "reward_names schema_json signal_names table_2_7 task_names Config Env Law Model Network",
+    "": "check_memory context_names distribution_names film_signals fine_scales instructions "
+    "law_names load measurement_names metric_names option_names_json palette panic_after_parts "
+    "payload_inertias reward_names schema_json signal_names table_2_7 task_names Config Env Law "
+    "Model Network",
 }  # fmt: skip
 ONE_EPISODE = {
     # the work of one environment, one draw or one extension of the arm: milliseconds
-    "Batch": "render_ansi render_rgb set_context set_env_context set_env_state",
-    "Env": "render_ansi render_rgb reset set_context set_state",
+    "Batch": "render_ansi set_context set_env_context set_env_state",
+    "Env": "render_ansi reset set_context set_state",
     "Law": "torques",
+    # a picture, the largest in less than a second; many look for a signal between two
+    "Painter": "follow follow_batch frame frame_of grid",
+    "": "Painter Film",
+    "Film": "frame magnification ranges widen",
     "Model": "acceleration angular_momentum energy linearize matrices mode_shapes "
     "natural_frequencies",
 }

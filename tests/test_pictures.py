@@ -72,7 +72,7 @@ BAD = {
     "no number": ({"render_width": "wide"}, "render_width.*'wide'"),
     "a fraction": ({"render_height": 99.5}, "render_height.*99.5"),
     "too small": ({"render_width": 3}, "render_width.*16.*3"),
-    "too large": ({"render_height": 100_000}, "render_height.*8192.*100000"),
+    "too large": ({"render_height": 100_000}, "render_height.*4096.*100000"),
     "a flag": ({"render_width": True}, "render_width.*True"),
     "negative factor": ({"render_magnification": -2.0}, "render_magnification.*-2"),
     "no factor": ({"render_magnification": float("nan")}, "render_magnification.*nan"),

@@ -48,7 +48,7 @@ NUMBERS = {
     "deflection_resolution": 1e-4, "deflection_rate_resolution": 1e-3, "sensor_delay": 0.01,
     "structural_damping": 1e-4, "link1_length": 7.0, "link1_bending_stiffness": 2.5e6,
     "link1_mass_per_length": 14.0, "link2_length": 8.0, "link2_bending_stiffness": 3e6,
-    "link2_mass_per_length": 9.4,
+    "link2_mass_per_length": 9.4, "damping_ratio": 0.005, "payload_offset": 0.05,
 }  # fmt: skip
 """A usual value of each parameter that is a number."""
 NAMES: dict[str, list[str]] = {
@@ -80,8 +80,10 @@ def options(draw: st.DrawFn, most: int = 6) -> dict[str, Any]:
     found: dict[str, Any] = {name: draw(drawn(name)) for name in chosen}
     found["horizon"] = draw(st.sampled_from([0.2, 0.6, 1.0]))
     found["control_period"] = draw(st.sampled_from([0.002, 0.01, 0.02, 0.2]))
+    if {"damping_ratio", "payload_offset"} & set(chosen):
+        found["plant"] = "consistent"
     if draw(st.booleans()):
-        found["inner_law"] = draw(st.sampled_from(["linear", "lyapunov", {"name": "linear"}]))
+        found["inner_law"] = draw(st.sampled_from(["linear", "lyapunov", {"name": "servo"}]))
     if draw(st.booleans()):
         found["observe_payload"] = draw(st.sampled_from(["reported", "true", "hidden"]))
     if draw(st.booleans()):

@@ -15,7 +15,7 @@ from drm_env.errors import ConfigError
 
 __all__ = ["Look", "Pictures"]
 
-SMALLEST, LARGEST = 16, 8192
+SMALLEST, LARGEST = 16, 4096
 """Sides of a picture, px."""
 
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
@@ -28,7 +28,7 @@ class Look:
     Parameters
     ----------
     width, height
-        Size in pixels, 16 to 8192.
+        Size in pixels, 16 to 4096: the largest picture takes less than a second.
     magnification
         Factor by which deflections are drawn larger than they are; ``None`` takes one that follows
         from the manoeuvre and stays through the episode.

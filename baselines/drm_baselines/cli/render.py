@@ -54,7 +54,7 @@ def render(
         int | None,
         typer.Option(
             min=64,
-            max=8192,
+            max=4096,
             help="Width of the film, px; by default 800 for one policy, 480 each for more.",
             show_default=False,
         ),
@@ -63,7 +63,7 @@ def render(
         int | None,
         typer.Option(
             min=64,
-            max=8192,
+            max=4096,
             help="Height of the film, px; by default 450 for one policy, 560 a row for more.",
             show_default=False,
         ),

@@ -14,10 +14,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from drm_baselines.errors import PolicyError
-from drm_baselines.support.palette import OKABE_ITO
 
 _DOTS = (0, (1, 1.5))
 _DASH_DOTS = (0, (6, 1, 1, 1, 1, 1))
+
+
+def _hex(hue: str) -> str:
+    # the palette is the engine's, which takes its time to import
+    from drm_baselines.support.palette import OKABE_ITO
+
+    return OKABE_ITO[hue]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,16 +39,21 @@ class PolicyName:
         ``"tuned law"`` (gains of ``drm tune``), ``"controller"`` (plans ahead), ``"learned"``.
     title
         In tables and pictures.
-    colour, line, marker
-        In pictures, as matplotlib takes them.
+    hue, line, marker
+        In pictures: a colour of the palette by name, the others as matplotlib takes them.
     """
 
     name: str
     kind: str
     title: str
-    colour: str
+    hue: str
     line: Any = "-"
     marker: str = "o"
+
+    @property
+    def colour(self) -> str:
+        """Its colour, ``"#RRGGBB"``."""
+        return _hex(self.hue)
 
     @property
     def knows(self) -> str:
@@ -57,10 +68,8 @@ class PolicyName:
 
 def _all(*rows: tuple[str, str, str, str, Any, str]) -> dict[str, PolicyName]:
     return {
-        name: PolicyName(
-            name=name, kind=kind, title=title, colour=OKABE_ITO[colour], line=line, marker=marker
-        )
-        for name, kind, title, colour, line, marker in rows
+        name: PolicyName(name=name, kind=kind, title=title, hue=hue, line=line, marker=marker)
+        for name, kind, title, hue, line, marker in rows
     }
 
 
@@ -89,9 +98,9 @@ _BY_TITLE = {entry.title: entry for entry in POLICIES.values()}
 
 # For policies that have no name: runs of one's own. None of them is drawn as a policy above.
 _OTHERS = tuple(
-    (OKABE_ITO[colour], line, marker)
+    (hue, line, marker)
     for line, marker in ((_DASH_DOTS, "d"), ("-.", "H"))
-    for colour in ("vermilion", "green", "purple", "sky blue")
+    for hue in ("vermilion", "green", "purple", "sky blue")
 )
 
 
@@ -158,6 +167,6 @@ def styles(labels: Sequence[str]) -> list[dict[str, Any]]:
             place = free[0]
         if place in free:
             free.remove(place)
-        colour, line, marker = _OTHERS[place]
-        found.append({"color": colour, "linestyle": line, "marker": marker})
+        hue, line, marker = _OTHERS[place]
+        found.append({"color": _hex(hue), "linestyle": line, "marker": marker})
     return found

@@ -130,7 +130,9 @@ class _LinearLaw:
 def _linear_law(
     law: Mapping[str, Any], extension: float, reported: float, period: float
 ) -> _LinearLaw:
-    control = drm_env.ControlLaw(dict(law), control_period=period, sample_period=period)
+    control = drm_env.ControlLaw(
+        dict(law), plant="consistent", control_period=period, sample_period=period
+    )
     names = control.MEASUREMENTS
     length, width = _dimensions(reported)
     rest = np.zeros((1, len(names)))
