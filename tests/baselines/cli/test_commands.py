@@ -344,7 +344,8 @@ def test_demo_from_end_to_end(tmp_path: Path) -> None:
     assert "agent" in text
     report = json.loads((out / "comparison.json").read_text())
     assert [policy["label"] for policy in report["policies"]] == [
-        "open loop", "linear law", "Lyapunov law", "inner law alone (linear)", "inner law + PPO",
+        "open loop", "linear law", "Lyapunov law", "servo with modal damping",
+        "inner law alone (linear)", "inner law + PPO",
     ]  # fmt: skip
     assert report["verdict"]
     linear, inner = report["policies"][1]["metrics"], report["policies"][3]["metrics"]
