@@ -362,11 +362,13 @@ class DrmVectorEnv(
         ):
             actions = convert_action(actions, self._action_shape)
         buffers = self._buffers or self._allocate()
-        unread, self._unread = self._unread, True
+        # past __setattr__, which looks every name up among the options
+        own = self.__dict__
+        unread, own["_unread"] = own["_unread"], True
         any_reset, any_done = self._engine.step(actions, *buffers)
         if unread or any_reset:
             self._read_context(everywhere=unread)
-        self._unread = False
+        own["_unread"] = False
         if self._pictures is not None:
             self._follow(self.control_period)
         return buffers, any_reset, any_done
