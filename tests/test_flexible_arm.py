@@ -127,3 +127,17 @@ def test_configuration_survives_json() -> None:
     again = drm_env.DrmEnv(config=json.loads(env.config_json))
     assert again.config_json == env.config_json
     assert again.config.scenario.payload.offset == 0.03
+
+
+def test_servo_flies_an_arm_whose_link_2_could_be_drawn_in_whole() -> None:
+    """Link 2 no longer than link 1: at no extension is a length that no model has."""
+    arm = drm_env.resolve().to_dict()["scenario"]["arm"]
+    arm["link2"]["length"] = arm["link1"]["length"]
+    scenario = {
+        "plant": "consistent",
+        "arm": arm,
+        "deployment": {"start": 1.0, "end": 6.0},
+        "mass_error": 0.1,
+        "horizon": 1.0,
+    }
+    assert np.abs(drm_env.simulate(scenario, law="servo")["root_torque"]).max() > 1.0

@@ -57,11 +57,11 @@ def test_the_size_survives_every_door() -> None:
     options: dict[str, Any] = {"render_width": 320, "render_height": 200}
     env = gym.make(ID, render_mode="rgb_array", **options)
     env.reset(seed=0)
-    assert env.render().shape == (200, 320, 3)  # type: ignore[union-attr]
+    assert env.render().shape == (200, 320, 3)  # type: ignore[union-attr]  # other modes give text
     assert env.spec is not None
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     again.reset(seed=0)
-    assert again.render().shape == (200, 320, 3)  # type: ignore[union-attr]
+    assert again.render().shape == (200, 320, 3)  # type: ignore[union-attr]  # other modes give text
     vec = gym.make_vec(ID, num_envs=2, render_mode="rgb_array", **options)
     vec.reset(seed=0)
     assert [frame.shape for frame in vec.render() or ()] == [(200, 320, 3)] * 2
@@ -226,7 +226,7 @@ def test_a_grid_shows_the_first_environments() -> None:
     assert vec.render_grid(1).shape == (720, 960, 3)
     for most in (0, -1, 2.5):
         with pytest.raises(drm_env.ConfigError, match=rf"most.*{most}"):
-            vec.render_grid(most)  # type: ignore[arg-type]
+            vec.render_grid(most)  # type: ignore[arg-type]  # the wrong type is the test
     with pytest.raises(drm_env.ConfigError, match=r"render_mode.*None"):
         drm_env.DrmVectorEnv(2).render_grid()
     with pytest.raises(drm_env.ResetNeededError):
@@ -248,7 +248,7 @@ def test_a_batch_is_shown_in_a_window(capsys: pytest.CaptureFixture[str]) -> Non
         surface = pygame.display.get_surface()
         assert surface is not None and surface.get_size() == (640, 480)
         shown = pygame.surfarray.array3d(surface).swapaxes(0, 1)
-        np.testing.assert_array_equal(shown, vec.unwrapped.render_grid())  # type: ignore[attr-defined]
+        np.testing.assert_array_equal(shown, vec.unwrapped.render_grid())  # type: ignore[attr-defined]  # not of Gymnasium's base class
     vec.close()
 
 

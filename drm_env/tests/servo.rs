@@ -4,6 +4,7 @@
 // the measured figures, with --nocapture
 #![allow(clippy::print_stdout)]
 
+// what other tests of the plant share has more than these need
 #[allow(dead_code)]
 mod consistent_common;
 

@@ -176,12 +176,8 @@ def _linear_law(
 
 def _dimensions(mass: float) -> tuple[float, float]:
     """Length and width (m) of a payload of Table 2-7, between its rows."""
-    payload = drm_env.DrmEnv(payload_mass=mass, mass_error=0.0)
-    try:
-        _, info = payload.reset(seed=0)
-    finally:
-        payload.close()
-    return float(info["context/payload_length"]), float(info["context/payload_width"])
+    payload = drm_env.resolve(payload_mass=mass, mass_error=0.0).context
+    return payload["payload_length"], payload["payload_width"]
 
 
 def closed_loop(

@@ -12,6 +12,9 @@ use crate::plant::{Dynamics, PlantModel, RigidInertia};
 use crate::simd::mask::everyone;
 use crate::simd::{Laned, Number};
 
+/// Least extension that the servo's model knows, as a part of link 2.
+const SHORTEST_PART: f64 = 0.125;
+
 /// Modes a link of the servo's model, and how they move: those of the plant that its user flies.
 fn kinematics(plant: PlantModel) -> ((usize, usize), Kinematics) {
     match plant {
@@ -38,7 +41,11 @@ pub fn servo_model(
     let mut arm = scenario.arm;
     let [link1, link2] = servo.bending_stiffness;
     (arm.link1.bending_stiffness, arm.link2.bending_stiffness) = (link1, link2);
-    let range = (arm.shortest_extension(), arm.link2.length);
+    // a link 2 no longer than link 1 could be drawn in whole: no arm bends at no length
+    let shortest = arm
+        .shortest_extension()
+        .max(arm.link2.length * SHORTEST_PART);
+    let range = (shortest, arm.link2.length);
     let alone = PayloadProperties {
         mass: 0.0,
         inertia_centre: 0.0,

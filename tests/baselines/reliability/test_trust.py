@@ -174,7 +174,7 @@ def test_a_checkpoint_outside_its_folder_is_refused(run: Path, file: str) -> Non
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_links_to_checkpoints_are_not_followed(run: Path, tmp_path: Path, whole: bool) -> None:
-    name = load_run(run).checkpoint["model"]["file"]  # type: ignore[index]
+    name = load_run(run).checkpoint["model"]["file"]  # type: ignore[index]  # there is one
     place = run / "checkpoints" if whole else run / name
     place.rename(tmp_path / "elsewhere")
     place.symlink_to(tmp_path / "elsewhere")

@@ -67,6 +67,25 @@ def test_flexible_is_the_environment_of_its_name() -> None:
             assert low <= value <= high
 
 
+@pytest.mark.slow
+def test_wheels_of_flexible_hold_what_the_servo_asks_of_them() -> None:
+    """Every twentieth episode, without limits: none needs more than there is, one most of it."""
+    scenarios = [dict(scenario) for scenario in suites.load("flexible").scenarios[::20]]
+    limits = {name: scenarios[0][f"{name}_wheel"]["momentum_limit"] for name in ("root", "tip")}
+    for scenario in scenarios:
+        for name in limits:
+            wheel = scenario[f"{name}_wheel"]
+            scenario[f"{name}_wheel"] = {**wheel, "momentum_limit": None}
+    signals = [f"{name}_momentum" for name in limits]
+    flown = drm_env.rollout(scenarios, law="servo", seed=0, signals=signals, decimation=25)
+    flights = [flown.trajectory(index) for index in range(len(scenarios))]
+    for name, limit in limits.items():
+        stored = max(float(np.abs(flight[f"{name}_momentum"]).max()) for flight in flights)
+        # with -s: what the limits were chosen by
+        print(f"{name} wheel: {stored:.0f} of {limit:.0f} N m s")
+        assert 0.8 * limit < stored <= limit
+
+
 def test_unmodelled_flies_the_manoeuvres_of_robust_on_another_plant() -> None:
     for first, second in zip(
         suites.load("robust").scenarios, suites.load("unmodelled").scenarios, strict=True

@@ -416,26 +416,10 @@ impl ConsistentPlant {
     pub fn natural_frequencies(&self, a: f64) -> Result<Vec<f64>, ConfigError> {
         self.field().arm.validate_extension("extension", a)?;
         let sums = self.sums(a);
-        let elastic = self.size() - 1;
-        let coupling = sums.mass.view((1, 0), (elastic, 1)).into_owned();
-        let mass = sums.mass.view((1, 1), (elastic, elastic))
-            - &coupling * coupling.transpose() / sums.mass[(0, 0)];
         let stiffness = sums.stiffness(self.lanes.payload.stiffness);
-        let stiffness = stiffness.view((1, 1), (elastic, elastic)).into_owned();
-        let singular = || ConfigError::value("extension", "gives a singular mass matrix", a);
-        let root = mass.cholesky().ok_or_else(singular)?.l();
-        let half = root
-            .solve_lower_triangular(&stiffness)
-            .ok_or_else(singular)?;
-        let reduced = root
-            .solve_lower_triangular(&half.transpose())
-            .ok_or_else(singular)?;
-        let mut squares: Vec<f64> = reduced.symmetric_eigenvalues().iter().copied().collect();
-        squares.sort_by(f64::total_cmp);
-        Ok(squares
-            .into_iter()
-            .map(|square| libm::sqrt(square.max(0.0)))
-            .collect())
+        let found = modal_damping::modes(&sums.mass, &stiffness)
+            .ok_or_else(|| ConfigError::value("extension", "gives a singular mass matrix", a))?;
+        Ok(found.into_iter().map(|(frequency, _)| frequency).collect())
     }
 
     /// The lowest modes at the extension `a` (m), and how a steady angular acceleration bends the arm.

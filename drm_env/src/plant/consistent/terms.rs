@@ -387,9 +387,8 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
         for i in 1..=n + m {
             inertia = force[i].mul_add(q[i], inertia);
         }
-        let off_axis = load.offset.bits() != 0;
-        if off_axis {
-            let [row, _] = self.lever();
+        let levers = (load.offset.bits() != 0).then(|| self.lever());
+        if let Some([row, _]) = &levers {
             let mut lever = T::splat(0.0);
             for i in 1..=n + m {
                 lever = row[i].mul_add(q[i], lever);
@@ -441,8 +440,7 @@ impl<'a, T: Lane, const N: usize, const S: usize, const P: usize> Terms<'a, T, N
                 *own = plus(arm.slope[e], -whole, T::splat(fixed));
             }
             let growth = growing - pulled - bound - bound + form(&own, r);
-            if off_axis {
-                let [_, row] = self.lever();
+            if let Some([_, row]) = &levers {
                 let mut lever = T::splat(0.0);
                 for i in 1..=n + m {
                     lever = row[i].mul_add(q[i], lever);
@@ -890,14 +888,7 @@ mod tests {
     use crate::arm::PayloadInertia;
     use crate::arm::mode_shape::ShapeFamily;
 
-    const NONE: Weights<f64> = Weights {
-        mass: 0.0,
-        bending: 0.0,
-        drift: 0.0,
-        stiffness: 0.0,
-        column: 0.0,
-        growth: 0.0,
-    };
+    const NONE: Weights<f64> = Weights::NONE;
 
     /// Between its nodes a table has the integrals' values to rounding, and its rates of change are
     /// their differences.
