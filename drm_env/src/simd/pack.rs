@@ -9,6 +9,18 @@ use super::{Lane, laned_number};
 #[repr(C, align(16))]
 pub struct Pack<const N: usize>(pub [f64; N]);
 
+/// One expression for each lane, as a loop: a closure, as of `array::from_fn`, is compiled without the
+/// instructions of the code around it whenever the compiler does not inline it.
+macro_rules! each_lane {
+    ($i:ident in $lanes:ident: $value:expr) => {{
+        let mut values = [0.0; $lanes];
+        for $i in 0..$lanes {
+            values[$i] = $value;
+        }
+        Self(values)
+    }};
+}
+
 macro_rules! pack_operator {
     ($($trait:ident $method:ident $operator:tt),*) => {$(
         impl<const N: usize> $trait for Pack<N> {
@@ -16,7 +28,7 @@ macro_rules! pack_operator {
 
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                Self(std::array::from_fn(|i| self.0[i] $operator other.0[i]))
+                each_lane!(i in N: self.0[i] $operator other.0[i])
             }
         }
     )*};
@@ -29,7 +41,7 @@ macro_rules! pack_scalar_operator {
 
             #[inline(always)]
             fn $method(self, other: f64) -> Self {
-                Self(std::array::from_fn(|i| self.0[i] $operator other))
+                each_lane!(i in N: self.0[i] $operator other)
             }
         }
     )*};
@@ -43,7 +55,7 @@ impl<const N: usize> Neg for Pack<N> {
 
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0.map(|value| -value))
+        each_lane!(i in N: -self.0[i])
     }
 }
 
@@ -73,59 +85,59 @@ impl<const N: usize> Lane for Pack<N> {
 
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Self(std::array::from_fn(|i| Lane::min(self.0[i], other.0[i])))
+        each_lane!(i in N: Lane::min(self.0[i], other.0[i]))
     }
 
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self(std::array::from_fn(|i| Lane::max(self.0[i], other.0[i])))
+        each_lane!(i in N: Lane::max(self.0[i], other.0[i]))
     }
 
     #[inline(always)]
     fn mul_add(self, factor: Self, addend: Self) -> Self {
-        Self(std::array::from_fn(|i| {
-            f64::mul_add(self.0[i], factor.0[i], addend.0[i])
-        }))
+        each_lane!(i in N: f64::mul_add(self.0[i], factor.0[i], addend.0[i]))
     }
 
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self(self.0.map(f64::sqrt))
+        each_lane!(i in N: f64::sqrt(self.0[i]))
     }
 
     #[inline(always)]
     fn abs(self) -> Self {
-        Self(self.0.map(f64::abs))
+        each_lane!(i in N: f64::abs(self.0[i]))
     }
 
     #[inline(always)]
     fn below(self, other: Self) -> Self {
-        Self(std::array::from_fn(|i| Lane::below(self.0[i], other.0[i])))
+        each_lane!(i in N: Lane::below(self.0[i], other.0[i]))
     }
 
     #[inline(always)]
     fn where_set(self, condition: Self, other: Self) -> Self {
-        Self(std::array::from_fn(|i| {
-            Lane::where_set(self.0[i], condition.0[i], other.0[i])
-        }))
+        each_lane!(i in N: Lane::where_set(self.0[i], condition.0[i], other.0[i]))
     }
 
     #[inline(always)]
     fn bits(self) -> u32 {
-        (0..N).fold(0, |bits, i| bits | (Lane::bits(self.0[i]) << i))
+        let mut bits = 0;
+        for i in 0..N {
+            bits |= Lane::bits(self.0[i]) << i;
+        }
+        bits
     }
 
     #[inline(always)]
     fn split(self) -> (Self, Self) {
         (
-            Self(self.0.map(|value| value.split().0)),
-            Self(self.0.map(|value| value.split().1)),
+            each_lane!(i in N: self.0[i].split().0),
+            each_lane!(i in N: self.0[i].split().1),
         )
     }
 
     #[inline(always)]
     fn power_of_two(self) -> Self {
-        Self(self.0.map(Lane::power_of_two))
+        each_lane!(i in N: Lane::power_of_two(self.0[i]))
     }
 
     #[inline(always)]

@@ -401,6 +401,23 @@ def test_instructions_are_counted_by_difference(monkeypatch: pytest.MonkeyPatch)
         instructions.count_engine(0, Path("kernel"))
 
 
+@needs_compiler
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind counts the instructions")
+@pytest.mark.parametrize(("lanes", "yardstick_lanes"), [(1, 1), (0, 8)])
+def test_the_kernel_is_compiled_for_the_instructions_that_it_runs_with(
+    lanes: int, yardstick_lanes: int
+) -> None:
+    # Counts, not times: where a part of it is not inlined, its fused multiply-adds become calls, and
+    # a step takes eight times the instructions of the same step in C.
+    try:
+        program = instructions.kernel_example()
+    except instructions.CountingError as error:
+        pytest.skip(str(error))  # the Rust tests of `make test` build it
+    engine = instructions.count_engine(lanes, program)
+    reference = instructions.count_yardstick(yardstick_lanes, axial=True)
+    assert engine.instructions < 1.5 * reference.instructions
+
+
 def test_unknown_sections_are_refused_and_listed() -> None:
     refused = CliRunner().invoke(app, ["bench", "--only", "speed"])
     assert refused.exit_code == 2
