@@ -63,7 +63,7 @@ impl ModalDamping {
     }
 
     /// Writes the packed matrix at a length.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, length: f64, out: &mut [f64]) {
         let place = libm::log2(length / self.shortest) * self.per_octave;
         let first = ((place - 1.0).max(0.0) as usize).min(self.nodes - 4);
@@ -76,14 +76,18 @@ impl ModalDamping {
             -below * x * beyond / 2.0,
             below * x * above / 6.0,
         ];
-        let rows: [&[f64]; 4] =
-            std::array::from_fn(|k| &self.values[(first + k) * self.entries..][..self.entries]);
-        for (e, out) in out.iter_mut().take(self.entries).enumerate() {
-            let mut sum = 0.0;
-            for (weight, row) in weights.iter().zip(rows) {
-                sum = weight.mul_add(row[e], sum);
-            }
-            *out = sum;
+        // four rows by name and no closure, so that this is compiled for the instructions of its caller
+        let (first, n) = (first * self.entries, self.entries);
+        let rows = &self.values[first..first + 4 * n];
+        let (row0, rows) = rows.split_at(n);
+        let (row1, rows) = rows.split_at(n);
+        let (row2, row3) = rows.split_at(n);
+        let out = &mut out[..n];
+        for e in 0..n {
+            let sum = weights[0].mul_add(row0[e], 0.0);
+            let sum = weights[1].mul_add(row1[e], sum);
+            let sum = weights[2].mul_add(row2[e], sum);
+            out[e] = weights[3].mul_add(row3[e], sum);
         }
     }
 
