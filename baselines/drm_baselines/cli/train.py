@@ -79,7 +79,10 @@ def train(
     out: Annotated[Path, typer.Option(help="Directory of the run.")],
     algo: Annotated[
         str | None,
-        typer.Option(help="Algorithm: ppo (default) or sac.", show_default=False),
+        typer.Option(
+            help=f"Algorithm: {', '.join(settings_files.ALGORITHMS)}; ppo by default.",
+            show_default=False,
+        ),
     ] = None,
     env_id: Annotated[
         str | None,
@@ -157,7 +160,7 @@ def train(
     ] = False,
     set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
 ) -> None:
-    """Train PPO or SAC; Ctrl-C (SIGTERM, SIGHUP) saves the run, which --resume then continues.
+    """Train a policy; Ctrl-C (SIGTERM, SIGHUP) saves the run, which --resume then continues.
 
     The directory receives run.json (everything needed to repeat the run), the policy as
     safetensors and JSON, the learning curve as CSV, TensorBoard events and a checkpoint. The

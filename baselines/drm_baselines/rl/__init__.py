@@ -1,1 +1,1 @@
-"""Reinforcement learning: PPO and SAC of Stable-Baselines3 on batches of environments."""
+"""Reinforcement learning: Stable-Baselines3 and its contributions on batches of environments."""

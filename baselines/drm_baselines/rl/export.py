@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from drm_baselines.errors import PolicyError
 from drm_baselines.policies.perceptron import Perceptron
@@ -10,7 +13,6 @@ from drm_baselines.support.extras import needing
 
 with needing("training", "learn"):
     import torch
-    from stable_baselines3 import PPO, SAC
     from stable_baselines3.common.base_class import BaseAlgorithm
     from torch import nn
 
@@ -18,26 +20,35 @@ _ACTIVATIONS: dict[type[nn.Module], str] = {nn.Tanh: "tanh", nn.ReLU: "relu"}
 
 
 def perceptron_of(model: BaseAlgorithm) -> Perceptron:
-    """Return the network from observation to mean action of a PPO or SAC model.
+    """Return the network from observation to mean action of a trained model.
+
+    Layers that normalise batches (CrossQ) are, with the averages that a trained policy uses,
+    linear; they become part of the linear layer behind them.
 
     Raises
     ------
     PolicyError
-        Another algorithm, or layers that are not a plain multilayer perceptron.
+        An unknown algorithm, or layers that are not a plain multilayer perceptron.
     """
-    if isinstance(model, PPO):
-        layers = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-        output = "clip"
-    elif isinstance(model, SAC):
-        layers = [*model.actor.latent_pi, model.actor.mu]
-        output = "tanh"
-    else:
-        raise PolicyError(f"policies of {type(model).__name__} cannot be exported")
-    weights, biases, activations = [], [], set()
+    layers, output = _layers(model)
+    weights: list[NDArray[np.float32]] = []
+    biases: list[NDArray[np.float32]] = []
+    activations = set()
+    scale: NDArray[np.float64] | None = None
+    shift: NDArray[np.float64] | None = None
     for layer in layers:
         if isinstance(layer, nn.Linear):
-            weights.append(_numpy(layer.weight))
-            biases.append(_numpy(layer.bias))
+            weight, bias = _numpy(layer.weight), _numpy(layer.bias)
+            if scale is not None and shift is not None:
+                bias = bias + weight @ shift
+                weight = weight * scale
+                scale = shift = None
+            weights.append(np.ascontiguousarray(weight, dtype=np.float32))
+            biases.append(np.ascontiguousarray(bias, dtype=np.float32))
+        elif scale is not None:
+            raise PolicyError("a normalised batch that goes into no linear layer")
+        elif type(layer).__name__ == "BatchRenorm1d":
+            scale, shift = _normalisation(layer)
         elif type(layer) in _ACTIVATIONS:
             activations.add(_ACTIVATIONS[type(layer)])
         else:
@@ -47,6 +58,31 @@ def perceptron_of(model: BaseAlgorithm) -> Perceptron:
     return Perceptron(weights=weights, biases=biases, activation=activations.pop(), output=output)
 
 
-def _numpy(parameter: torch.Tensor) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    array = parameter.detach().cpu().numpy().astype(np.float32, copy=True)
-    return np.ascontiguousarray(array)
+def _layers(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
+    """The actor's layers in order, and what is made of the last one's output."""
+    policy: Any = model.policy
+    if hasattr(policy, "mlp_extractor"):
+        return [*policy.mlp_extractor.policy_net, policy.action_net], "clip"
+    actor: Any = getattr(policy, "actor", None)
+    if hasattr(actor, "latent_pi"):
+        mean = actor.mu
+        if isinstance(mean, nn.Sequential):  # clipped before it is squashed
+            raise PolicyError("layers of type Hardtanh cannot be exported")
+        return [*actor.latent_pi, mean], "tanh"
+    if isinstance(getattr(actor, "mu", None), nn.Sequential) and isinstance(actor.mu[-1], nn.Tanh):
+        return list(actor.mu[:-1]), "tanh"
+    raise PolicyError(f"policies of {type(model).__name__} cannot be exported")
+
+
+def _normalisation(layer: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Scale and shift of a layer that normalises with the averages it has kept."""
+    scale = 1.0 / np.sqrt(_numpy(layer.ra_var) + layer.eps)
+    shift = -_numpy(layer.ra_mean) * scale
+    if layer.affine:
+        gain = _numpy(layer.scale)
+        scale, shift = scale * gain, shift * gain + _numpy(layer.bias)
+    return scale, shift
+
+
+def _numpy(parameter: torch.Tensor) -> NDArray[np.float64]:
+    return parameter.detach().cpu().numpy().astype(np.float64)

@@ -15,6 +15,7 @@ from drm_baselines.policies.policy_file import (
     load_policy,
 )
 from drm_baselines.rl import hyperparameters
+from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.rl.asymmetric import AsymmetricPolicy, PrivilegedObservations
 from drm_baselines.rl.export import perceptron_of
 from drm_baselines.rl.request import TrainingRequest
@@ -25,13 +26,13 @@ from drm_baselines.support.seeds import training_seed
 
 with needing("training", "learn"):
     import torch
-    from stable_baselines3 import PPO, SAC
+    from stable_baselines3 import PPO
     from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
     from stable_baselines3.common.vec_env import VecEnv
     from torch import nn
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 _ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
 
 
@@ -45,17 +46,21 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
     """
     settings = request.settings
     arguments = dict(settings.model)
+    algorithm = ALGORITHMS[request.algorithm]
     _check_memory(request, env)
     network: dict[str, Any] = {
         "net_arch": list(settings.network.layers),
         "activation_fn": _ACTIVATIONS[settings.network.activation],
-        "log_std_init": settings.network.log_std_init,
     }
-    if request.algorithm == "sac" and arguments.get("use_sde"):
+    if algorithm.draws:
+        network["log_std_init"] = settings.network.log_std_init
+    if algorithm.replays:
+        arguments["action_noise"] = _noise(arguments.get("action_noise"), env)
+    if algorithm.draws and algorithm.replays and arguments.get("use_sde"):
         # By default the mean is clipped before it is squashed: one more kind of layer for nothing.
         network["clip_mean"] = 0.0
     try:
-        return ALGORITHMS[request.algorithm](
+        return algorithm.load_type()(
             AsymmetricPolicy if settings.network.critic_sees_payload else "MlpPolicy",
             env,
             learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate_end, 1.0),
@@ -71,6 +76,24 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         )
 
 
+def _noise(deviation: Any, env: VecEnv) -> NormalActionNoise | None:
+    """Gaussian noise that is added to actions.
+
+    Raises
+    ------
+    RunError
+        A standard deviation that is none.
+    """
+    if deviation is None:
+        return None
+    if isinstance(deviation, bool) or not isinstance(deviation, (int, float)):
+        raise RunError(f"[model] action_noise must be a number, got {deviation!r}")
+    if not 0.0 <= deviation <= 1.0:
+        raise RunError(f"[model] action_noise must be between 0 and 1, got {deviation}")
+    entries = env.action_space.shape or ()
+    return NormalActionNoise(np.zeros(entries), np.full(entries, float(deviation)))
+
+
 def _check_memory(request: TrainingRequest, env: VecEnv) -> None:
     """Refuse buffers that do not fit; whatever is no whole number Stable-Baselines3 refuses.
 
@@ -80,11 +103,11 @@ def _check_memory(request: TrainingRequest, env: VecEnv) -> None:
         The message says how much they would take.
     """
     model, shape = request.settings.model, env.observation_space.shape
-    name = "buffer_size" if request.algorithm == "sac" else "n_steps"
+    name = "buffer_size" if ALGORITHMS[request.algorithm].replays else "n_steps"
     size = model.get(name, 1_000_000 if name == "buffer_size" else 2048)
     if type(size) is not int or shape is None:
         return
-    # of float32: an observation (of SAC also the next one), an action and some single numbers
+    # of float32: an observation (in a buffer also the next one), an action and some single numbers
     values = (2 if name == "buffer_size" else 1) * shape[0] + 12
     rows = size if name == "buffer_size" else size * env.num_envs
     memory.require(4 * rows * values, f"[model] {name} = {size}")

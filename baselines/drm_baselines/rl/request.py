@@ -18,7 +18,7 @@ class TrainingRequest:
     Attributes
     ----------
     algorithm, env_id, options
-        ``"ppo"`` or ``"sac"``, the environment's id and its keyword options.
+        Name in `drm_baselines.rl.algorithms`, the environment's id and its keyword options.
     steps
         Environment steps of the whole run, over all environments and segments.
     seed

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from drm_baselines.errors import RunError
-from drm_baselines.rl.hyperparameters import ALGORITHMS
+from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.support import storage
 from drm_baselines.support.reading import read_table, shown
 from drm_baselines.support.trust import is_sealed

@@ -1,4 +1,4 @@
-"""Training PPO and SAC with Stable-Baselines3 on the native batch of environments.
+"""Training with Stable-Baselines3 and its contributions on the native batch of environments.
 
 A run is one directory (see :mod:`drm_baselines.rl.run_record`). It can be interrupted at any time
 and resumed; the policy beside the record is always the newest one, exported as plain arrays. The
@@ -25,7 +25,8 @@ from drm_baselines.policies.policy_file import (
     remove_policy,
 )
 from drm_baselines.rl import hyperparameters
-from drm_baselines.rl.model import ALGORITHMS, begin_with, make_envs, make_model, set_threads
+from drm_baselines.rl.algorithms import ALGORITHMS
+from drm_baselines.rl.model import begin_with, make_envs, make_model, set_threads
 from drm_baselines.rl.request import SilentWatcher, TrainingRequest, Watcher
 from drm_baselines.rl.run import Monitor, Run
 from drm_baselines.rl.run_record import (
@@ -224,7 +225,7 @@ def _resumed(
         set_threads(request.settings)
         env, first_seed = make_envs(request, config, len(record.segments))
         opened.callback(env.close)
-        model = ALGORITHMS[record.algorithm].load(files["model"], env=env, device="cpu")
+        model = ALGORITHMS[record.algorithm].load_type().load(files["model"], env=env, device="cpu")
         model.set_random_seed(request.seed + len(record.segments))
         if isinstance(model, OffPolicyAlgorithm):
             if "replay_buffer" in files:
@@ -313,8 +314,8 @@ def _fate_of(directory: Path) -> str:
 
 
 def _log_interval(request: TrainingRequest) -> int:
-    # PPO counts updates, SAC counts episodes, of which a batch ends many at a time.
-    return 5 if request.algorithm == "ppo" else 4 * request.settings.n_envs
+    # On-policy algorithms count updates, the others episodes, of which a batch ends many at a time.
+    return 4 * request.settings.n_envs if ALGORITHMS[request.algorithm].replays else 5
 
 
 def _log_formats() -> list[str]:

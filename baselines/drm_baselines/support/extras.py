@@ -25,7 +25,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "plan": _PLAN,
     "render": (*_CLI, "imageio", "imageio_ffmpeg"),
     "report": (*_EVALUATE, "clarabel", "jinja2", "pyarrow"),
-    "learn": (*_EVALUATE, "clarabel", "stable_baselines3", "tensorboard", "torch"),
+    "learn": (*_EVALUATE, "clarabel", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
     "tune": (*_EVALUATE, "clarabel", "optuna"),
     "bench": (*_CLI, "matplotlib", "numba", "psutil"),
 }

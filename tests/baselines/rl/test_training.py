@@ -23,6 +23,7 @@ import drm_env
 from drm_baselines import load_policy
 from drm_baselines.errors import BaselineError, ExistingResultError, RunError
 from drm_baselines.evaluation.environments import environment_config
+from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.rl.asymmetric import PRIVILEGED, PrivilegedObservations
 from drm_baselines.rl.export import perceptron_of
 from drm_baselines.rl.hyperparameters import from_data, load_hyperparameters
@@ -52,6 +53,23 @@ SETTINGS: dict[str, dict[str, Any]] = {
                   "use_sde": True},
         "network": {"layers": [8], "activation": "relu"},
     },
+    "td3": {
+        "algorithm": "td3", "n_envs": 4, "learning_rate": 1e-3,
+        "model": {"buffer_size": 1000, "learning_starts": 40, "batch_size": 16, "train_freq": 4,
+                  "action_noise": 0.1},
+        "network": {"layers": [8], "activation": "relu"},
+    },
+    "tqc": {
+        "algorithm": "tqc", "n_envs": 4, "learning_rate": 1e-3,
+        "model": {"buffer_size": 1000, "learning_starts": 40, "batch_size": 16, "train_freq": 4},
+        "network": {"layers": [8], "activation": "relu"},
+    },
+    "crossq": {
+        "algorithm": "crossq", "n_envs": 4, "learning_rate": 1e-3,
+        "model": {"buffer_size": 1000, "learning_starts": 40, "batch_size": 16, "train_freq": 4,
+                  "use_sde": True},
+        "network": {"layers": [8, 7], "activation": "relu"},
+    },
 }  # fmt: skip
 
 
@@ -64,7 +82,7 @@ def request(algorithm: str = "ppo", steps: int = 256, **changes: Any) -> Trainin
     return TrainingRequest(**{**arguments, **changes})
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_run_leaves_everything_to_repeat_and_to_judge_it(tmp_path: Path, algorithm: str) -> None:
     directory = tmp_path / "run"
     watcher = SilentWatcher()
@@ -86,15 +104,13 @@ def test_a_run_leaves_everything_to_repeat_and_to_judge_it(tmp_path: Path, algor
     assert any((directory / "tensorboard").iterdir())
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_exported_policy_is_the_trained_one(tmp_path: Path, algorithm: str) -> None:
-    from stable_baselines3 import PPO, SAC
-
     directory = tmp_path / "run"
     record = train(directory, request(algorithm))
     assert record.checkpoint is not None
     path = directory / record.checkpoint["model"]["file"]
-    model = {"ppo": PPO, "sac": SAC}[algorithm].load(path, device="cpu")
+    model = ALGORITHMS[algorithm].load_type().load(path, device="cpu")
     policy = load_policy(directory)
     observations = np.random.default_rng(0).normal(size=(64, policy.network.inputs))
     observations = (0.5 * observations).astype(np.float32)
@@ -130,7 +146,7 @@ class _Interrupter(SilentWatcher):
             os.kill(os.getpid(), self.number)
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_an_interrupted_run_is_saved_and_resumed(tmp_path: Path, algorithm: str) -> None:
     directory = tmp_path / "run"
     before = signal.getsignal(signal.SIGINT)
@@ -322,6 +338,13 @@ def test_buffers_that_do_not_fit_are_refused(tmp_path: Path, algorithm: str) -> 
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("noise", [-0.1, 1.5, "much", True])
+def test_action_noise_that_is_none_is_refused(tmp_path: Path, noise: Any) -> None:
+    settings = from_data({**SETTINGS["td3"], "model": {"action_noise": noise}})
+    with pytest.raises(RunError, match=rf"action_noise must be .*, got {noise!r}"):
+        train(tmp_path / "run", request("td3", settings=settings))
+
+
 def test_no_more_threads_than_processors(tmp_path: Path) -> None:
     import torch
 
@@ -481,7 +504,7 @@ def test_a_run_with_an_asymmetric_critic_goes_on(tmp_path: Path) -> None:
     assert "critic_sees_payload" not in plain.hyperparameters["network"]
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_packaged_hyperparameters_are_complete(algorithm: str) -> None:
     settings = load_hyperparameters(algorithm)
     assert from_data(json.loads(json.dumps(settings.to_dict()))) == settings

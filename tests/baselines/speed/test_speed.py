@@ -407,8 +407,8 @@ def test_instructions_are_counted_by_difference(monkeypatch: pytest.MonkeyPatch)
 def test_the_kernel_is_compiled_for_the_instructions_that_it_runs_with(
     lanes: int, yardstick_lanes: int
 ) -> None:
-    # Counts, not times: where a part of it is not inlined, its fused multiply-adds become calls, and
-    # a step takes eight times the instructions of the same step in C.
+    # Counts, not times: where a part of it is not inlined, its fused multiply-adds become calls,
+    # and a step takes eight times the instructions of the same step in C.
     try:
         program = instructions.kernel_example()
     except instructions.CountingError as error:

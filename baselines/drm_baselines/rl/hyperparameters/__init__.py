@@ -13,10 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from drm_baselines.errors import BaselineError
+from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.support.reading import parse_toml, read_table, shown
-
-ALGORITHMS = ("ppo", "sac")
-"""Learning algorithms with settings of their own."""
 
 _ACTIVATIONS = ("tanh", "relu")
 
@@ -25,7 +23,8 @@ _ACTIVATIONS = ("tanh", "relu")
 class Network:
     """Actor and critic: hidden layer sizes, activation, initial log of the action noise.
 
-    With ``critic_sees_payload`` PPO's critic is told the true payload while it trains.
+    With ``critic_sees_payload`` PPO's critic is told the true payload while it trains. TD3, whose
+    policy draws nothing, has no ``log_std_init``.
     """
 
     layers: tuple[int, ...] = (64, 64)
@@ -41,7 +40,7 @@ class Hyperparameters:
     Attributes
     ----------
     algorithm
-        ``"ppo"`` or ``"sac"``.
+        One of `drm_baselines.rl.algorithms.ALGORITHMS`.
     n_envs
         Number of environments stepped as one batch.
     learning_rate, learning_rate_end
@@ -52,7 +51,9 @@ class Hyperparameters:
         Options of the environment that belong to the method, such as a longer control period;
         options given on the command line win over them.
     model
-        Arguments of the Stable-Baselines3 algorithm.
+        Arguments of the algorithm's class in Stable-Baselines3 or its contributions. A number as
+        ``action_noise`` is the standard deviation of Gaussian noise, as a fraction of the torque
+        limits.
     network
         Shape of the networks.
     """
