@@ -23,6 +23,9 @@ export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 help:
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
+.PHONY: build
+build: $(READY) ## the virtual environment .venv with everything in it
+
 .PHONY: demo
 demo: $(READY) ## fly one manoeuvre with and without control and show the result
 	$(BIN)/drm demo
@@ -82,8 +85,12 @@ lab: $(READY) ## the page in which the arm is flown: site/lab/index.html (docs/l
 	$(BIN)/python tools/lab.py site/lab/index.html
 
 .PHONY: docs
-docs: $(READY) ## API pages of the engine in target/doc
+docs: $(READY) ## the documentation: site/docs/index.html (the notebooks run; the engine's pages are in rust/)
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps
+	rm -rf site/docs
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --jobs auto --doctree-dir site/.doctrees docs site/docs
+	cp -R "$${CARGO_TARGET_DIR:-target}/doc" site/docs/rust
+	$(BIN)/python tools/check_site.py site/docs
 
 .PHONY: clean
 clean: ## remove everything that was built, the virtual environment included

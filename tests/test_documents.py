@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from drm_baselines.support.extras import EXTRAS
+from drm_env.constants import TABLE_2_7
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *ROOT.glob("examples/*.md")])
@@ -21,11 +22,13 @@ LIVING = [page for page in PAGES if page.name != "CHANGELOG.md"]
 SMALLER = {
     "num_envs=1024": "num_envs=8",
     "n=1000": "n=8",
+    "n=100,": "n=4,",
     "n_envs=32": "n_envs=2",
     "n_steps=128, batch_size=256": "n_steps=32, batch_size=16",
     ".learn(250_000)": ".learn(2)",
+    '"episodes": 20': '"episodes": 2',
 }
-"""What the code of the README has, and what it is run with."""
+"""What the code of the pages has, and what it is run with."""
 
 
 def blocks(page: Path, *languages: str) -> Iterator[str]:
@@ -55,12 +58,23 @@ def all_commands(program: str) -> list[str]:
 # --- code -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_the_code_of_the_readme_runs(tmp_path: Path) -> None:
-    """All blocks one after the other, as somebody types them."""
-    code = "\n".join(blocks(ROOT / "README.md", "python"))
+def script(page: Path) -> str:
+    """All Python of a page one after the other, as somebody types it."""
+    return "\n".join(blocks(page, "python"))
+
+
+def with_code() -> Iterator[Any]:
+    for page in PAGES:
+        code = script(page)
+        if code:
+            slow = [pytest.mark.slow] if "stable_baselines3" in code else []
+            yield pytest.param(page, id=page.name, marks=slow)
+
+
+@pytest.mark.parametrize("page", with_code())
+def test_the_code_of_a_page_runs(page: Path, tmp_path: Path) -> None:
+    code = script(page)
     for large, small in SMALLER.items():
-        assert large in code, f"the README has no {large!r} any more"
         code = code.replace(large, small)
     done = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", "-c", code],
@@ -68,6 +82,32 @@ def test_the_code_of_the_readme_runs(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_made_smaller_is_there() -> None:
+    code = "\n".join(script(page) for page in PAGES)
+    for large in SMALLER:
+        assert large in code, f"no page has {large!r} any more"
+
+
+def test_no_code_escapes_the_tests() -> None:
+    """A fence that is not closed, or is indented or of a kind that nobody reads, hides its code."""
+    known = {
+        "python", "sh", "bash", "text", "json", "toml", "console", "rust",
+        "{toctree}", "{eval-rst}",
+    }  # fmt: skip
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        fences = re.findall(r"^[ ]*```(.*)$", text, re.M)
+        assert len(fences) % 2 == 0, page.name
+        assert set(fences[::2]) <= known, (page.name, set(fences[::2]) - known)
+        assert set(fences[1::2]) <= {""}, page.name
+
+
+def test_the_table_of_payloads_is_the_engines() -> None:
+    text = (ROOT / "docs" / "payload.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| Payload \d.*?\| ([\d.]+) kg \| ([\d.]+) m \| ([\d.]+) m \|", text, re.M)
+    assert [tuple(map(float, row)) for row in rows] == [tuple(row) for row in TABLE_2_7[1:]]
 
 
 # --- commands -------------------------------------------------------------------------------------
@@ -89,22 +129,69 @@ def test_a_command_is_one_that_drm_takes(command: str) -> None:
     assert not context.args
 
 
-@pytest.mark.slow
-def test_a_light_command_of_the_readme_does_what_it_says(tmp_path: Path) -> None:
+def drm(command: str, directory: Path) -> None:
+    """Run a command as somebody does who has typed it into a terminal."""
     program = "from drm_baselines.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *shlex.split(command)[1:]],
+        cwd=directory, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_a_light_command_of_the_pages_does_what_it_says(tmp_path: Path) -> None:
     for command in (
         "drm simulate --law lyapunov --mass-error 0.15 --out flight",
         "drm modes --payload-mass 200",
     ):
         assert command in all_commands("drm")
-        done = subprocess.run(
-            [sys.executable, "-c", program, *shlex.split(command)[1:]],
-            cwd=tmp_path, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
+        drm(command, tmp_path)
     assert {path.name for path in (tmp_path / "flight").iterdir()} == {
         "lyapunov.csv", "simulation.json", "manoeuvre.png",
     }  # fmt: skip
+
+
+JOURNEY = "From a clone to your own agent"
+CHEAPER = {
+    "--steps 1000000": "--steps 2000 --evaluations 1 --evaluation-episodes 4",
+    "--output mine.mp4": "--output mine.mp4 --duration 1 --fps 5 --width 320 --height 240",
+    "--episodes 100": "--episodes 4",
+}
+
+
+def journey() -> list[str]:
+    """The lines that a newcomer types."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    part = text.split(f"## {JOURNEY}", 1)[1].split("\n## ", 1)[0]
+    (block,) = re.findall(r"^```sh\n(.*?)^```$", part, re.S | re.M)
+    return str(block).splitlines()
+
+
+def test_a_newcomer_types_at_most_six_commands() -> None:
+    lines = journey()
+    assert len(lines) <= 6
+    assert lines[0].startswith("git clone")
+    assert "make build" in lines
+
+
+@pytest.mark.slow
+def test_a_newcomer_gets_an_agent_its_film_and_its_page(tmp_path: Path) -> None:
+    """README's lines after the installation, with a small budget."""
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("imageio_ffmpeg")
+    typed = [line for line in journey() if line.startswith("drm ")]
+    assert [line.split()[1] for line in typed] == ["train", "render", "compare"]
+    text = "\n".join(typed)
+    for dear, cheap in CHEAPER.items():
+        assert dear in text
+        text = text.replace(dear, cheap)
+    for command in text.splitlines():
+        drm(command, tmp_path)
+    assert (tmp_path / "runs" / "mine" / "policy.safetensors").is_file()
+    assert (tmp_path / "mine.mp4").stat().st_size > 1000
+    pages = list(tmp_path.glob("comparison/*.html"))
+    assert pages and all(page.stat().st_size > 10_000 for page in pages)
 
 
 def options_of(command: str) -> set[str]:
@@ -142,10 +229,16 @@ def test_make_has_every_target_that_is_named() -> None:
     assert {"demo", "test", "lint"} <= words <= targets
 
 
-def test_the_extras_of_the_readme_are_all_there_are() -> None:
-    table = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_extras_of_the_page_are_all_there_are() -> None:
+    table = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \|", table.split("./baselines[...]", 1)[1], re.M)
     assert set(rows[: len(EXTRAS) + 1]) == {*EXTRAS, "all"}
+
+
+def test_the_readme_is_one_page() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 90
+    assert len(re.findall(r"^\|---", text, re.M)) == 1
 
 
 # --- files ----------------------------------------------------------------------------------------

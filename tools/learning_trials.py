@@ -103,7 +103,7 @@ TRIALS: dict[str, Trial] = {
         settings=PPO,
     ),
     "ppo-residual-v1-quiet": Trial(
-        title="PPO on SlewResidual-v1, less noise (README)",
+        title="PPO on SlewResidual-v1, less noise (docs/training.md)",
         group=RESIDUAL,
         algorithm="ppo",
         env_id="drm_env/SlewResidual-v1",

@@ -139,7 +139,8 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
       info those of the whole episode. ``metrics/residual_energy`` exists in the last info of an
       episode that was not cut by a step limit.
     - ``diverged``: whether the episode was terminated. ``is_success``: whether the arm has settled,
-      |tip deflection| <= 1 mm and slew error at the tip <= 10 mm until now, after the slew.
+      tip deflection <= 1 mm and slew error at the tip <= 10 mm in magnitude until now, after the
+      slew.
 
     Where a number does not exist (a limit that is not set, the settling time of an arm that has not
     settled, the residual vibration before the end of the slew) stands `drm_env.NO_VALUE`, the

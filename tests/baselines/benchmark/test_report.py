@@ -388,6 +388,36 @@ def test_table_has_a_row_a_policy_the_bound_first() -> None:
     }
 
 
+def test_short_table_has_few_policies_their_judge_and_their_notes_alone() -> None:
+    few = record("receding", "controller", [[1e-3, 1e-3]], title="planner")
+    text = tables.short_markdown_table(
+        suite(level("bound", "bound", 0.5), level("linear", "law", 3.0), few)
+    )
+    assert cells(text) == [
+        ["policy", "tip error RMS (mm)", "times the bound", "settled (%)"],
+        ["bound", "0.500 [0.500, 0.500]", "1.00 [1.00, 1.00]", "100"],
+        ["linear", "3.00 [3.00, 3.00]", "6.00 [6.00, 6.00]", "100"],
+    ]
+    assert "planner" not in text
+    assert "- Interquartile mean over 8 episodes" in text
+    few = record("bound", "bound", [[1e-3, 1e-3]], title="programme")
+    text = tables.short_markdown_table(suite(few, level("linear", "law", 3.0)))
+    assert "- \\* programme: 2 of these 8 episodes" in text
+
+
+def test_readme_has_the_short_table_and_the_page_the_whole_one(tmp_path: Path) -> None:
+    robust = suite(level("bound", "bound", 0.5), level("tuned", "tuned law", 3.0))
+    empty = "<!-- benchmark:robust -->\n<!-- /benchmark:robust -->\n"
+    (tmp_path / "docs" / "images").mkdir(parents=True)
+    (tmp_path / "README.md").write_text(empty)
+    (tmp_path / "docs" / "benchmark.md").write_text(empty)
+    documents.update_documents(tmp_path, [robust], tmp_path / "figures")
+    readme, page = ((tmp_path / name).read_text() for name in ("README.md", "docs/benchmark.md"))
+    assert tables.short_markdown_table(robust) in readme
+    assert tables.markdown_table(robust) in page
+    assert "tuned" in page and "tuned" not in readme
+
+
 def test_micrometres_are_not_shown_as_nothing() -> None:
     row = cells(tables.markdown_table(suite(level("bound", "bound", 0.001234))))[1]
     assert row[4] == "0.00123 [0.00123, 0.00123]"

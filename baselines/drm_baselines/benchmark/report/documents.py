@@ -131,7 +131,7 @@ def write_summary(path: Path, results: Sequence[SuiteResult], *, overwrite: bool
 
 
 def update_documents(root: Path, results: Sequence[SuiteResult], figures: Path) -> list[Path]:
-    """Write the tables between the markers of README.md and docs/benchmark.md.
+    """Write the tables between the markers of README.md (a short one) and docs/benchmark.md.
 
     What needs all suites is written when all have been flown.
     """
@@ -140,7 +140,7 @@ def update_documents(root: Path, results: Sequence[SuiteResult], figures: Path) 
     for result in results:
         inject(page, result.suite, tables.markdown_table(result))
         if result.suite == "robust":
-            written.append(inject(readme, "robust", tables.markdown_table(result)))
+            written.append(inject(readme, "robust", tables.short_markdown_table(result)))
     if {result.suite for result in results} == set(SUITES):
         inject(page, "degradation", tables.degradation_table(results))
         inject(page, "targets", targets_text(results))

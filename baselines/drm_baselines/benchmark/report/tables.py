@@ -154,6 +154,33 @@ def markdown_table(result: SuiteResult) -> str:
     return "\n".join([*table, "", *(f"- {_escaped(note)}" for note in notes(result))])
 
 
+SHORT = ("bound", "none", "linear", "lyapunov", "lqr", "dagger", "ppo")
+"""Policies of the short table: whom a stranger wants to see first."""
+
+
+def short_markdown_table(result: SuiteResult) -> str:
+    """Return the policies of `SHORT` with what is judged, as a Markdown table with its notes."""
+    judged, settled = (f"{each.label} ({each.unit})" for each in map(describe, (JUDGE, "settled")))
+    headings = headings_of()
+    wanted = [headings[0], judged, "times the bound", settled]
+    places = [headings.index(heading) for heading in wanted]
+    chosen = {record.title for record in ordered(result) if record.policy in SHORT}
+    rows = [
+        [row[place] for place in places]
+        for record, row in zip(ordered(result), rows_of(result), strict=True)
+        if record.title in chosen
+    ]
+    # a note on a policy that is not here would only puzzle
+    said = [
+        note
+        for note in notes(result)
+        if not note.startswith("*") or any(note.startswith(f"* {title}:") for title in chosen)
+    ]
+    return "\n".join(
+        [*_markdown(wanted, rows, 1), "", *(f"- {_escaped(note)}" for note in said)]
+    )
+
+
 def policies_in(results: Sequence[SuiteResult]) -> dict[str, Record]:
     """The first record of every policy of all suites, in the order of tables."""
     found: dict[str, Record] = {}

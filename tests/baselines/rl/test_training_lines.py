@@ -1,4 +1,4 @@
-"""The training lines of the README, run as they stand: what they train beats the inner law."""
+"""The training lines of docs/training.md, run as they stand: what they train beats the inner law."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from drm_baselines.evaluation.episodes import fly_law, fly_policy
 from drm_baselines.evaluation.statistics import compare_paired
 from drm_baselines.support.seeds import CURVE_SEED
 
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[3] / "docs" / "training.md"
 EPISODES = 256
 
 
 def training_lines() -> str:
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     (block,) = [block for block in blocks if ".learn(" in block]
     return str(block)
 
