@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,8 @@ extensions = [
     "sphinx_design",
 ]
 exclude_patterns = ["**/.ipynb_checkpoints"]
-suppress_warnings = [
-    "toc.empty_glob",  # pages that not every checkout has
-    "config.cache",
-]
+# `name` in a docstring means an argument, whatever else is called so
+suppress_warnings = ["ref.python"]
 
 myst_enable_extensions = ["attrs_block", "colon_fence"]
 myst_heading_anchors = 4
@@ -91,6 +90,7 @@ PAGES_OF_ROOT = {
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security.md",
     "README.md": "index.md",
+    "examples/README.md": "examples.md",
 }
 _LINK = re.compile(r"\]\((?!\w+:|#)([^)\s#]+)")
 
@@ -112,14 +112,20 @@ def _to_pages(found: re.Match[str]) -> str:
     return f"]({page}" if page and found[1].startswith("../") else found[0]
 
 
-def _unlisted(text: str) -> str:
-    """The pages that the contents do not name, a line each."""
-    contents = "\n".join(re.findall(r"^```\{toctree\}\n(.*?)^```", text, re.S | re.M))
-    listed = [line for line in contents.splitlines() if line and not line.startswith(":")]
+def _contents(text: str) -> str:
+    """The page of contents: patterns stand for the pages that there are, the rest comes last."""
     names = sorted(page.stem for page in DOCS.glob("*.md") if page.stem != "index")
-    return "\n".join(
-        name for name in names if not any(Path(name).match(pattern) for pattern in listed)
-    )
+    lists = re.findall(r"^```\{toctree\}\n(.*?)^```", text, re.S | re.M)
+    lines = [line for part in lists for line in part.split("\n\n", 1)[1].splitlines()]
+    patterns = [re.sub(r".*<(.*)>", r"\1", line) for line in lines]
+    listed = {name for name in names for pattern in patterns if fnmatchcase(name, pattern)}
+    rest = [name for name in names if name not in listed]
+
+    def pages(found: re.Match[str]) -> str:
+        return "".join(f"{name}\n" for name in names if fnmatchcase(name, found[1]))
+
+    text = re.sub(r"(?m)^([\w*]*\*)\n", pages, text)
+    return text.replace("<!-- unlisted -->", "\n".join(rest))
 
 
 def _with_download(text: str, name: str) -> str:
@@ -136,7 +142,7 @@ def _prepare(_app: Any, docname: str, source: list[str]) -> None:
         return
     text = source[0]
     if docname == "index":
-        text = text.replace("<!-- unlisted -->", _unlisted(text))
+        text = _contents(text)
     if found := re.match(r"<!-- include: (\S+) -->", text):
         text = _included(found[1])
     text = re.sub(r"(?m)^<!-- reference: (\w+) -->$", lambda found: reference.section(found[1]), text)

@@ -145,9 +145,9 @@ def loop() -> str:
 
 def geometry() -> str:
     """The arm from above, with what the symbols mean."""
-    d = Drawing(980, 470, "Geometry of the Deployable Robotic Manipulator, seen from above")
-    ox, oy, length = 120.0, 400.0, 760.0
-    rigid, reference = math.radians(22.0), math.radians(30.0)
+    d = Drawing(980, 500, "Geometry of the Deployable Robotic Manipulator, seen from above")
+    ox, oy, length = 70.0, 430.0, 740.0
+    rigid, reference = math.radians(21.0), math.radians(29.0)
 
     def at(along: float, bend: float, angle: float = rigid) -> tuple[float, float]:
         return (
@@ -163,7 +163,7 @@ def geometry() -> str:
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         d.add(f'<polyline class="{kind}" points="{path}"/>')
 
-    bend, split, inside = -74.0, 372.0, 235.0
+    bend, split, inside = -74.0, 362.0, 230.0
     tip = at(length, bend)
     rigid_tip, goal = at(length, 0.0), at(length, 0.0, reference)
     # axes and the places where it should be
@@ -182,34 +182,36 @@ def geometry() -> str:
     d.add(f'<circle class="wheel" cx="{tip[0]:.1f}" cy="{tip[1]:.1f}" r="11"/>')
     # angles
     for angle, radius, label, kind in (
-        (rigid, 560.0, "θ", "symbol"),
-        (reference, 660.0, "θ ref", "symbol"),
+        (rigid, 330.0, "θ", "symbol"),
+        (reference, 450.0, "θ ref", "symbol"),
     ):
         x, y = ox + radius * math.cos(angle), oy - radius * math.sin(angle)
         d.add(f'<path class="thin" d="M {ox + radius:.1f} {oy} A {radius} {radius} 0 0 0 {x:.1f} {y:.1f}"/>')
-        place = 0.32 * angle
+        place = 0.25 * angle
         d.text(ox + (radius + 16) * math.cos(place), oy - (radius + 16) * math.sin(place), label, kind, "start")
     # deflection and tip error
     d.arrow([rigid_tip, at(length, bend + 12)], "error", "errorhead")
     d.arrow([at(length + 8, 0.0, reference), at(length + 8, 4.0)], "thin", "thinhead")
     middle = at(length + 14, 0.6 * bend)
     d.text(middle[0] + 4, middle[1] - 8, "y", "symbol errortext", "start")
-    d.text(goal[0] - 14, goal[1] - 12, "where the tip should be", "small", "end")
+    d.text(goal[0] + 8, goal[1] - 8, "where the tip should be", "small", "start")
     label = at(length + 20, 48.0)
-    d.text(label[0], label[1] + 6, "r e", "symbol", "start")
+    d.text(label[0], label[1] + 14, "r e", "symbol", "start")
     # lengths
-    one = at(0.5 * split, 34.0)
-    d.text(one[0] - 10, one[1] - 8, "link 1: 7 m", "strong", "end")
-    two = at(0.5 * (split + length), -92.0)
-    d.text(two[0] + 8, two[1] + 22, "link 2 slides out: a = 1 to 8 m", "strong", "middle")
-    d.text(ox, oy + 42, "shoulder: slew motor and root wheel", "small", "start")
+    one = at(0.5 * split, 84.0)
+    d.text(one[0] + 4, one[1] - 8, "link 1: 7 m", "strong", "end")
+    two = at(0.8 * length, -92.0)
+    d.text(two[0] - 12, two[1] + 22, "link 2 slides out: a = 1 to 8 m", "strong", "start")
+    d.text(ox - 18, oy + 42, "shoulder: slew motor and root wheel", "small", "start")
     d.add(f'<circle class="head" cx="{ox}" cy="{oy}" r="3"/>')
-    d.text(tip[0] + 74, tip[1] + 34, "payload", "strong", "middle")
-    d.text(tip[0] + 74, tip[1] + 52, "true and reported mass", "small", "middle")
-    d.text(tip[0] - 20, tip[1] + 34, "tip wheel", "small", "end")
+    d.text(tip[0] + 60, tip[1] + 34, "payload: true and", "strong", "middle")
+    d.text(tip[0] + 60, tip[1] + 52, "reported mass", "strong", "middle")
+    d.text(tip[0] - 20, tip[1] - 14, "tip wheel", "small", "end")
     d.text(ox + 838, oy + 22, "start of the slew", "small", "end")
     d.text(24, 40, "Seen from above; bending enlarged", "small", "start")
-    d.text(24, 62, "reach r = 7 m + a     e = θ - θ ref     tip error = r e + y", "", "start")
+    d.text(24, 64, "reach r = 7 m + a", "", "start")
+    d.text(24, 86, "slew error e = θ - θ ref", "", "start")
+    d.text(24, 108, "tip error = r e + y", "", "start")
     return d.written()
 
 
