@@ -145,7 +145,9 @@ def _prepare(_app: Any, docname: str, source: list[str]) -> None:
         text = _contents(text)
     if found := re.match(r"<!-- include: (\S+) -->", text):
         text = _included(found[1])
-    text = re.sub(r"(?m)^<!-- reference: (\w+) -->$", lambda found: reference.section(found[1]), text)
+    text = re.sub(
+        r"(?m)^<!-- reference: (\w+) -->$", lambda found: reference.section(found[1]), text
+    )
     source[0] = _LINK.sub(_to_pages, text)
 
 

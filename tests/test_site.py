@@ -65,10 +65,7 @@ def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
         notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
     printed = [
-        output
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-        for output in cell.outputs
+        output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs
     ]
     assert [output for output in printed if output.get("name") == "stderr"] == []
     assert [output for output in printed if "image/png" in output.get("data", {})]
@@ -92,7 +89,7 @@ def test_the_drawings_are_those_that_the_tool_makes(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site as ``make docs`` builds it, but for the notebooks' outputs and the engine's pages."""
+    """The site as ``make docs`` builds it, without notebooks' outputs and the engine's pages."""
     for package in ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx_design"):
         pytest.importorskip(package)
     out = tmp_path_factory.mktemp("site")
@@ -122,7 +119,8 @@ def test_the_site_has_every_page_and_no_dead_link(site: Path) -> None:
 @pytest.mark.slow
 def test_a_dead_link_is_found(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text(
-        '<a href="b.html#there">1</a><a href="b.html#gone">2</a><img src="no.png"><a href="#x">3</a>'
+        '<a href="b.html#there">1</a><a href="b.html#gone">2</a>'
+        '<img src="no.png"><a href="#x">3</a>'
     )
     (tmp_path / "b.html").write_text('<p id="there"><a href="https://example.org">4</a>')
     done = tool("check_site.py", tmp_path)

@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 STYLE = """
 svg { color-scheme: light dark; }
 .panel { fill: #f6f8fa; stroke: #d0d7de; }
-text { font-family: system-ui, -apple-system, "Segoe UI", Roboto, Inter, sans-serif; font-size: 15px;
-  fill: #1f2328; }
+text { font-family: system-ui, -apple-system, "Segoe UI", Roboto, Inter, sans-serif;
+  font-size: 15px; fill: #1f2328; }
 .small { font-size: 12.5px; fill: #59636e; }
 .strong { font-weight: 600; }
 .symbol { font-style: italic; font-family: Georgia, "Times New Roman", serif; font-size: 18px; }
@@ -67,7 +67,8 @@ class Drawing:
             f'width="{width}" height="{height}" role="img">',
             f"<title>{escape(title)}</title>",
             f"<style>{STYLE}</style>",
-            f'<rect class="panel" x="0.5" y="0.5" width="{width - 1}" height="{height - 1}" rx="10"/>',
+            f'<rect class="panel" x="0.5" y="0.5" width="{width - 1}" height="{height - 1}" '
+            'rx="10"/>',
         ]
 
     def add(self, text: str) -> None:
@@ -77,22 +78,30 @@ class Drawing:
     def text(self, x: float, y: float, text: str, kind: str = "", anchor: str = "middle") -> None:
         """A line of text; ``x`` is its middle, or its start or end as ``anchor`` says."""
         self.add(
-            f'<text x="{x:.1f}" y="{y:.1f}" class="{kind}" text-anchor="{anchor}">{escape(text)}</text>'
+            f'<text x="{x:.1f}" y="{y:.1f}" class="{kind}" text-anchor="{anchor}">'
+            f"{escape(text)}</text>"
         )
 
     def box(
-        self, x: float, y: float, w: float, h: float, title: str, lines: list[str], kind: str = "box"
+        self,
+        x: float,
+        y: float,
+        w: float,
+        h: float,
+        title: str,
+        lines: list[str],
+        kind: str = "box",
     ) -> None:
         """A box with its title and smaller lines below it."""
-        self.add(
-            f'<rect class="{kind}" x="{x}" y="{y}" width="{w}" height="{h}" rx="8"/>'
-        )
+        self.add(f'<rect class="{kind}" x="{x}" y="{y}" width="{w}" height="{h}" rx="8"/>')
         top = y + h / 2 - 8.5 * len(lines) + 5
         self.text(x + w / 2, top, title, "strong")
         for place, line in enumerate(lines):
             self.text(x + w / 2, top + 18 + 17 * place, line, "small")
 
-    def arrow(self, points: list[tuple[float, float]], kind: str = "line", head: str = "head") -> None:
+    def arrow(
+        self, points: list[tuple[float, float]], kind: str = "line", head: str = "head"
+    ) -> None:
         """A line through points with a head at its end."""
         (x0, y0), (x1, y1) = points[-2:]
         angle = math.atan2(y1 - y0, x1 - x0)
@@ -117,10 +126,31 @@ def loop() -> str:
     d.box(24, 44, 180, 84, "reference", ["slew angle and rate,", "extension, over time"])
     d.box(24, 262, 180, 84, "reported payload", ["its mass is wrong", "by up to 15 %"])
     d.box(290, 44, 200, 84, "slew motor", ["open loop: torque for", "the rigid reported arm"])
-    d.box(290, 204, 200, 96, "controller", ["law, network or yours,", "10 to 500 times a second"], "agent")
+    d.box(
+        290,
+        204,
+        200,
+        96,
+        "controller",
+        ["law, network or yours,", "10 to 500 times a second"],
+        "agent",
+    )
     d.box(560, 210, 150, 84, "two wheels", ["root ±100 N m,", "tip ±10 N m"])
     d.box(780, 44, 176, 84, "deployment", ["link 2 slides along", "its profile"])
-    d.box(780, 186, 176, 132, "flexible arm", ["both links bend,", "true payload at the tip;", "reward and metrics", "from its true states"], "plant")
+    d.box(
+        780,
+        186,
+        176,
+        132,
+        "flexible arm",
+        [
+            "both links bend,",
+            "true payload at the tip;",
+            "reward and metrics",
+            "from its true states",
+        ],
+        "plant",
+    )
     # forward
     d.arrow([(204, 72), (290, 72)])
     d.arrow([(114, 128), (114, 200), (250, 200), (250, 236), (290, 236)])
@@ -168,7 +198,10 @@ def geometry() -> str:
     rigid_tip, goal = at(length, 0.0), at(length, 0.0, reference)
     # axes and the places where it should be
     d.arrow([(ox, oy), (ox + 840, oy)], "thin", "thinhead")
-    d.add(f'<line class="thin dash" x1="{ox}" y1="{oy}" x2="{rigid_tip[0]:.1f}" y2="{rigid_tip[1]:.1f}"/>')
+    d.add(
+        f'<line class="thin dash" x1="{ox}" y1="{oy}" '
+        f'x2="{rigid_tip[0]:.1f}" y2="{rigid_tip[1]:.1f}"/>'
+    )
     d.add(f'<line class="thin dash" x1="{ox}" y1="{oy}" x2="{goal[0]:.1f}" y2="{goal[1]:.1f}"/>')
     curve("link1", 0.0, split, bend)
     curve("link2", inside, length, bend)
@@ -186,9 +219,18 @@ def geometry() -> str:
         (reference, 450.0, "θ ref", "symbol"),
     ):
         x, y = ox + radius * math.cos(angle), oy - radius * math.sin(angle)
-        d.add(f'<path class="thin" d="M {ox + radius:.1f} {oy} A {radius} {radius} 0 0 0 {x:.1f} {y:.1f}"/>')
+        d.add(
+            f'<path class="thin" d="M {ox + radius:.1f} {oy} '
+            f'A {radius} {radius} 0 0 0 {x:.1f} {y:.1f}"/>'
+        )
         place = 0.25 * angle
-        d.text(ox + (radius + 16) * math.cos(place), oy - (radius + 16) * math.sin(place), label, kind, "start")
+        d.text(
+            ox + (radius + 16) * math.cos(place),
+            oy - (radius + 16) * math.sin(place),
+            label,
+            kind,
+            "start",
+        )
     # deflection and tip error
     d.arrow([rigid_tip, at(length, bend + 12)], "error", "errorhead")
     d.arrow([at(length + 8, 0.0, reference), at(length + 8, 4.0)], "thin", "thinhead")

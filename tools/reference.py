@@ -191,9 +191,14 @@ def commands() -> str:
     for name, command in group.commands.items():
         arguments = [each for each in command.params if each.param_type_name == "argument"]
         chosen = [each for each in command.params if each.param_type_name == "option"]
-        written = [f"[{each.name.upper()}]..." if each.nargs < 0 else each.name.upper() for each in arguments]
+        written = [
+            f"[{each.name.upper()}]..." if each.nargs < 0 else each.name.upper()
+            for each in arguments
+        ]
         usage = " ".join([f"drm {name}", *written, "[OPTIONS]"])
-        parts.append(f"## `drm {name}`\n\n```text\n{usage}\n```\n\n{_paragraphs(command.help or '')}")
+        parts.append(
+            f"## `drm {name}`\n\n```text\n{usage}\n```\n\n{_paragraphs(command.help or '')}"
+        )
         if arguments:
             rows = [
                 (_code(each.name.upper()), _cell(getattr(each, "help", "") or ""))
@@ -238,7 +243,7 @@ def _said_of(address: str, value: object) -> list[str]:
         if home.startswith("drm_") and vars(module).get(name) is value:
             try:
                 found = ModuleAnalyzer.for_module(home).find_attr_docs()
-            except Exception:  # noqa: BLE001, S112  # no source: the next module may have it
+            except Exception:  # no source: the next module may have it
                 continue
             if ("", name) in found:
                 return found["", name]

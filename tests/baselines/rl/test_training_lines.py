@@ -1,4 +1,4 @@
-"""The training lines of docs/training.md, run as they stand: what they train beats the inner law."""
+"""The training lines of docs/training.md as they stand: what they train beats the inner law."""
 
 from __future__ import annotations
 

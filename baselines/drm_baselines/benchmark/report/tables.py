@@ -176,9 +176,7 @@ def short_markdown_table(result: SuiteResult) -> str:
         for note in notes(result)
         if not note.startswith("*") or any(note.startswith(f"* {title}:") for title in chosen)
     ]
-    return "\n".join(
-        [*_markdown(wanted, rows, 1), "", *(f"- {_escaped(note)}" for note in said)]
-    )
+    return "\n".join([*_markdown(wanted, rows, 1), "", *(f"- {_escaped(note)}" for note in said)])
 
 
 def policies_in(results: Sequence[SuiteResult]) -> dict[str, Record]:
