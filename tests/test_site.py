@@ -19,7 +19,7 @@ SMALLER = {
     "STEPS = 120_000": "STEPS = 4_096",
     "EPISODES = 64": "EPISODES = 8",
     "n=100)": "n=8)",
-    "np.linspace(0.3, 4.0, 38)": "np.linspace(0.3, 4.0, 4)",
+    "np.linspace(1e4, 1.2e5, 23)": "np.linspace(1e4, 1.2e5, 4)",
 }
 """What the notebooks have, and what they are run with."""
 
