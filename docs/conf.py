@@ -64,6 +64,7 @@ napoleon_custom_sections = [
     "Infos",
 ]
 default_role = "py:obj"
+smartquotes = False  # they make dashes of options
 add_module_names = False
 
 html_theme = "furo"

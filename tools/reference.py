@@ -155,6 +155,11 @@ def _value(parameter: Any) -> str:
     return f"{word}, repeatable" if several else word
 
 
+def _help(text: str) -> str:
+    """A help text whose options are code."""
+    return re.sub(r"(?<![\w`-])--[a-z][\w-]*", r"`\g<0>`", _cell(text))
+
+
 def _range(parameter: Any) -> str:
     low, high = parameter.min, parameter.max
     if low is None and high is None:
@@ -210,7 +215,7 @@ def commands() -> str:
                 ", ".join(_code(written) for written in (*each.opts, *each.secondary_opts)),
                 _value(each),
                 _default_of(each),
-                _cell(each.help or "") + _range(each) + (" **Required.**" if each.required else ""),
+                _help(each.help or "") + _range(each) + (" **Required.**" if each.required else ""),
             )
             for each in chosen
             if not each.hidden and each.name != "help"
