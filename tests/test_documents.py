@@ -32,7 +32,7 @@ SMALLER = {
 
 
 RUN_BY = {"ecosystem.md": "tests/test_ecosystem.py"}
-"""Pages whose code needs libraries that may be missing, and the tests that run it block by block."""
+"""Pages whose code needs libraries that may be missing, and the tests that run their blocks."""
 
 
 def blocks(page: Path, *languages: str) -> Iterator[str]:

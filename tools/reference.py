@@ -251,7 +251,7 @@ def _said_of(address: str, value: object) -> list[str]:
             except Exception:  # no source: the next module may have it
                 continue
             if ("", name) in found:
-                return found["", name]
+                return list(found["", name])
     return []
 
 
