@@ -237,8 +237,8 @@ def geometry() -> str:
     middle = at(length + 14, 0.6 * bend)
     d.text(middle[0] + 4, middle[1] - 8, "y", "symbol errortext", "start")
     d.text(goal[0] + 8, goal[1] - 8, "where the tip should be", "small", "start")
-    label = at(length + 20, 48.0)
-    d.text(label[0], label[1] + 14, "r e", "symbol", "start")
+    beside = at(length + 20, 48.0)
+    d.text(beside[0], beside[1] + 14, "r e", "symbol", "start")
     # lengths
     one = at(0.5 * split, 84.0)
     d.text(one[0] + 4, one[1] - 8, "link 1: 7 m", "strong", "end")
