@@ -46,21 +46,33 @@ if TYPE_CHECKING:
         ConfigError,
         DrmError,
         EnvironmentClosedError,
+        InfeasibleError,
         ResetNeededError,
         SimulationError,
         SnapshotError,
         UnknownOptionError,
     )
     from drm_env.film import Film
+    from drm_env.kinematics import (
+        ArmPosition,
+        Workspace,
+        inverse_kinematics,
+        tip_position,
+        workspace,
+    )
     from drm_env.law import ControlLaw
     from drm_env.metrics import METRIC_SYMBOLS, MetricEntry, episode_metrics
     from drm_env.model import Model
     from drm_env.network import Network
     from drm_env.observation import ObservationEntry, observation_layout
+    from drm_env.planning import SlewCandidate, SlewPlan, plan_slew
+    from drm_env.profiles import SlewMotion, slew_acceleration, slew_final_time, slew_motion
     from drm_env.resolution import resolve
     from drm_env.resolved import ResolvedConfig
+    from drm_env.rigid_demands import slew_demands
     from drm_env.rollouts import Rollout, rollout
     from drm_env.simulation import Trajectory, sample_scenarios, simulate
+    from drm_env.slew_limits import SlewLimits
     from drm_env.transition import Transitions, transitions
     from drm_env.vector import DrmVectorEnv
 
@@ -69,6 +81,7 @@ __all__ = [
     "NO_VALUE",
     "ActionError",
     "ActionTypeError",
+    "ArmPosition",
     "Choices",
     "ConfigError",
     "ControlLaw",
@@ -78,6 +91,7 @@ __all__ = [
     "EnvConfig",
     "EnvironmentClosedError",
     "Film",
+    "InfeasibleError",
     "LogUniform",
     "MetricEntry",
     "Model",
@@ -89,23 +103,36 @@ __all__ = [
     "Rollout",
     "Scenario",
     "SimulationError",
+    "SlewCandidate",
+    "SlewLimits",
+    "SlewMotion",
+    "SlewPlan",
     "SnapshotError",
     "Task",
     "Trajectory",
     "Transitions",
     "Uniform",
     "UnknownOptionError",
+    "Workspace",
     "__version__",
     "default_config",
     "episode_metrics",
     "info_metrics",
+    "inverse_kinematics",
     "observation_layout",
     "option_names",
+    "plan_slew",
     "resolve",
     "rollout",
     "sample_scenarios",
     "simulate",
+    "slew_acceleration",
+    "slew_demands",
+    "slew_final_time",
+    "slew_motion",
+    "tip_position",
     "transitions",
+    "workspace",
 ]
 
 _HOMES = {
@@ -121,21 +148,33 @@ _HOMES = {
         "ConfigError",
         "DrmError",
         "EnvironmentClosedError",
+        "InfeasibleError",
         "ResetNeededError",
         "SimulationError",
         "SnapshotError",
         "UnknownOptionError",
     ],
     "film": ["Film"],
+    "kinematics": [
+        "ArmPosition",
+        "Workspace",
+        "inverse_kinematics",
+        "tip_position",
+        "workspace",
+    ],
     "law": ["ControlLaw"],
     "metrics": ["METRIC_SYMBOLS", "MetricEntry", "episode_metrics"],
     "model": ["Model"],
     "network": ["Network"],
     "observation": ["ObservationEntry", "observation_layout"],
+    "planning": ["SlewCandidate", "SlewPlan", "plan_slew"],
+    "profiles": ["SlewMotion", "slew_acceleration", "slew_final_time", "slew_motion"],
     "resolution": ["resolve"],
     "resolved": ["ResolvedConfig"],
     "rollouts": ["Rollout", "rollout"],
     "simulation": ["Trajectory", "sample_scenarios", "simulate"],
+    "rigid_demands": ["slew_demands"],
+    "slew_limits": ["SlewLimits"],
     "transition": ["Transitions", "transitions"],
     "vector": ["DrmVectorEnv"],
 }

@@ -4,7 +4,8 @@
 
     DrmError
     ├── ConfigError (ValueError)          a configuration, scenario or option that cannot be used
-    │   └── UnknownOptionError (TypeError)    an option that there is not
+    │   ├── UnknownOptionError (TypeError)    an option that there is not
+    │   └── InfeasibleError                   a manoeuvre that no arm or no limit allows
     ├── SimulationError                   a call that cannot be carried out now
     │   ├── ActionError (ValueError)      an action of the wrong shape or not finite
     │   │   └── ActionTypeError (TypeError)   an action that is not made of real numbers
@@ -17,6 +18,9 @@ Nothing has changed when one of them is raised.
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import gymnasium as gym
 
 __all__ = [
@@ -25,6 +29,7 @@ __all__ = [
     "ConfigError",
     "DrmError",
     "EnvironmentClosedError",
+    "InfeasibleError",
     "ResetNeededError",
     "SimulationError",
     "SnapshotError",
@@ -54,6 +59,33 @@ class UnknownOptionError(ConfigError, TypeError):
     """
 
     __module__ = "drm_env"
+
+
+class InfeasibleError(ConfigError):
+    """A manoeuvre that the workspace or a limit does not allow.
+
+    Attributes
+    ----------
+    limit
+        name of the limit in the way.
+    needed, allowed
+        what the manoeuvre needs at least (at most, in the hole of the workspace), and what the
+        limit allows, in the same SI unit.
+    """
+
+    __module__ = "drm_env"
+
+    def __init__(self, message: str, *, limit: str, needed: float, allowed: float) -> None:
+        """Names the limit and by how much it is missed."""
+        super().__init__(message)
+        self.limit = limit
+        self.needed = float(needed)
+        self.allowed = float(allowed)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles hold the limit, too."""
+        kept = {"limit": self.limit, "needed": self.needed, "allowed": self.allowed}
+        return partial(type(self), **kept), self.args
 
 
 class SimulationError(DrmError):

@@ -15,6 +15,7 @@ from drm_baselines.cli.evaluate import evaluate
 from drm_baselines.cli.imitate import imitate
 from drm_baselines.cli.info import info
 from drm_baselines.cli.modes import modes
+from drm_baselines.cli.plan import plan
 from drm_baselines.cli.render import render
 from drm_baselines.cli.reproduce import reproduce
 from drm_baselines.cli.simulate import simulate
@@ -64,7 +65,7 @@ def _options(
 
 
 for _command in (
-    info, modes, stability, simulate, compare, render, train, imitate, tune, evaluate, benchmark,
+    info, modes, stability, plan, simulate, compare, render, train, imitate, tune, evaluate, benchmark,
     demo, reproduce, bench,
 ):  # fmt: skip
     # these two see to the file that --json took once

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drm_baselines.cli.arm import ARM_HELP, parse_arm
 from drm_baselines.cli.common import JSON_HELP, guarded
 from drm_baselines.cli.terminal import say_files, say_json, show
 from drm_baselines.errors import BaselineError
@@ -32,9 +33,13 @@ def modes(
         list[float] | None,
         typer.Option(
             "--extension",
-            help="Length of link 2 outside link 1, m. May be repeated; 1, 2, ... 8 by default.",
+            help="Length of link 2 outside link 1, m. May be repeated; 1, 2, ... 8 by default, "
+            "and eight lengths from the shortest to the longest of another arm.",
             show_default=False,
         ),
+    ] = None,
+    arm: Annotated[
+        list[str] | None, typer.Option("--arm", help=ARM_HELP, show_default=False)
     ] = None,
     mass: Annotated[
         float, typer.Option("--payload-mass", help="Mass of the payload, kg; 0 for none.")
@@ -117,10 +122,11 @@ def modes(
     if plot is not None:
         require("a picture of the frequencies", "plot")
         storage.claim_file(plot, force=force)
-    places = sorted(set(extensions)) if extensions else [float(a) for a in range(1, 9)]
+    links = parse_arm(arm)
+    places = sorted(set(extensions)) if extensions else _places(links)
     models: dict[str, drm_env.Model] = {}
     for name in names:
-        options: dict[str, Any] = {"plant": name}
+        options: dict[str, Any] = {"plant": name, "arm": links}
         if name in ("thesis", "consistent"):
             options |= assumed_options
         elif name == "finite_element":
@@ -136,6 +142,7 @@ def modes(
         say_json(
             {
                 "payload": payload,
+                **({} if links is None else {"arm": links}),
                 "extensions": places,
                 "units": "SI, frequencies in Hz",
                 "natural_frequencies": found,
@@ -149,6 +156,18 @@ def modes(
         plot_natural_frequencies(places, found, plot, title=_title(payload), overwrite=force)
         if not as_json:
             say_files([plot])
+
+
+def _places(links: dict[str, Any] | None) -> list[float]:
+    """Extensions that are looked at where none are given, m."""
+    if links is None:
+        return [float(a) for a in range(1, 9)]
+    import drm_env
+
+    hole, edge = drm_env.workspace(links)
+    longest = links["link2"]["length"]
+    shortest = max(hole - (edge - longest), longest / 8.0)
+    return [shortest + (longest - shortest) * step / 7.0 for step in range(8)]
 
 
 def _title(payload: dict[str, Any]) -> str:
@@ -165,5 +184,5 @@ def _table(places: list[float], found: dict[str, list[list[float]]], title: str)
     width = max(len(f"{f:.3f}") for rows in found.values() for row in rows for f in row)
     for index, a in enumerate(places):
         cells = ("  ".join(f"{f:{width}.3f}" for f in rows[index]) for rows in found.values())
-        table.add_row(f"{a:g}", *cells)
+        table.add_row(f"{a:.4g}", *cells)
     return table
