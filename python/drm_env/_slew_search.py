@@ -138,7 +138,7 @@ class SlewSearch:
             "profile": profile,
             "smoothing": smoothing,
         }
-        deployment = {"start": job.start.extension, "end": job.goal.extension}
+        deployment: dict[str, Any] = {"start": job.start.extension, "end": job.goal.extension}
         if job.travel == 0.0:
             deployment |= {"mode": "none"}
         elif job.angle == 0.0:

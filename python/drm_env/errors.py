@@ -84,7 +84,11 @@ class InfeasibleError(ConfigError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles hold the limit, too."""
-        kept = {"limit": self.limit, "needed": self.needed, "allowed": self.allowed}
+        kept: dict[str, Any] = {
+            "limit": self.limit,
+            "needed": self.needed,
+            "allowed": self.allowed,
+        }
         return partial(type(self), **kept), self.args
 
 

@@ -19,6 +19,7 @@ from drm_baselines.cli.plan import plan
 from drm_baselines.cli.render import render
 from drm_baselines.cli.reproduce import reproduce
 from drm_baselines.cli.simulate import simulate
+from drm_baselines.cli.size import size
 from drm_baselines.cli.stability import stability
 from drm_baselines.cli.terminal import say
 from drm_baselines.cli.train import train
@@ -65,8 +66,8 @@ def _options(
 
 
 for _command in (
-    info, modes, stability, plan, simulate, compare, render, train, imitate, tune, evaluate, benchmark,
-    demo, reproduce, bench,
+    info, modes, stability, plan, size, simulate, compare, render, train, imitate, tune, evaluate,
+    benchmark, demo, reproduce, bench,
 ):  # fmt: skip
     # these two see to the file that --json took once
     _loose = _command in (benchmark, bench)

@@ -1,4 +1,4 @@
-"""Drawn planning cases: is every plan within its limits when it is flown?
+"""Drawn planning cases, to see whether every plan keeps its limits when it is flown.
 
 A case draws a payload, two places in the workspace, a plant's limits and the error of the mass, all
 by its seed. What comes out is flown again, by another door than the planner's (one manoeuvre after
