@@ -18,9 +18,11 @@ from drm_baselines.cli.modes import modes
 from drm_baselines.cli.plan import plan
 from drm_baselines.cli.render import render
 from drm_baselines.cli.reproduce import reproduce
+from drm_baselines.cli.sharing import WithRay
 from drm_baselines.cli.simulate import simulate
 from drm_baselines.cli.size import size
 from drm_baselines.cli.stability import stability
+from drm_baselines.cli.sweep import sweep
 from drm_baselines.cli.terminal import say
 from drm_baselines.cli.train import train
 from drm_baselines.cli.tune import tune
@@ -67,8 +69,11 @@ def _options(
 
 for _command in (
     info, modes, stability, plan, size, simulate, compare, render, train, imitate, tune, evaluate,
-    benchmark, demo, reproduce, bench,
+    benchmark, sweep, demo, reproduce, bench,
 ):  # fmt: skip
     # these two see to the file that --json took once
     _loose = _command in (benchmark, bench)
-    app.command(context_settings={"allow_extra_args": True} if _loose else None)(_command)
+    app.command(
+        cls=WithRay if _command in (benchmark, sweep, train, tune) else None,
+        context_settings={"allow_extra_args": True} if _loose else None,
+    )(_command)

@@ -23,6 +23,7 @@ from drm_baselines.policies.compatibility import check_period
 from drm_baselines.policies.law_policy import LawPolicy, Policy
 from drm_baselines.policies.perceptron import NetworkPolicy
 from drm_baselines.policies.pilots import LawPilot, Pilot
+from drm_baselines.support import cores
 from drm_baselines.support.seeds import episode_seeds
 from drm_env.constants import LAW_PERIOD
 
@@ -102,7 +103,9 @@ def fly_law(
     scenarios = scenarios_of(env_id, resolved, seed, episodes)
     if law["name"] != "none":
         check_period(label or str(law["name"]), LAW_PERIOD, resolved.sample_period)
-    metrics = drm_env.rollout(scenarios, law=dict(law), seed=seed, progress=progress)
+    metrics = drm_env.rollout(
+        scenarios, law=dict(law), seed=seed, num_threads=cores.given(), progress=progress
+    )
     return Episodes(
         label=label or str(law["name"]),
         control_period=resolved.sample_period,
@@ -217,6 +220,7 @@ def fly_policy(
             task=task_of(env_id),
             config=resolved,
             seed=seed,
+            num_threads=cores.given(),
             progress=progress,
         )
     else:
@@ -240,7 +244,7 @@ def fly_policy(
 def _fly_chunk(
     policy: Policy, env_id: str, config: drm_env.ResolvedConfig, seed: int, count: int
 ) -> dict[str, NDArray[np.float64]]:
-    env = gym.make_vec(env_id, num_envs=count, config=config)
+    env = gym.make_vec(env_id, num_envs=count, config=config, num_threads=cores.given())
     try:
         if isinstance(policy, LawPolicy):
             policy = policy.acting_in(env)

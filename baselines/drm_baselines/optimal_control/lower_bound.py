@@ -11,7 +11,6 @@ manoeuvres that are possible within micrometres anyhow.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from drm_baselines.optimal_control.quadratic_program import (
     rms,
     torque_limits,
 )
+from drm_baselines.support import cores
 from drm_env.constants import LAW_PERIOD, SIGNAL_NAMES
 
 HOLD = 10
@@ -235,7 +235,7 @@ def bounds_of(
         A flight that diverged, with the scenario's place.
     """
     found: list[Bound] = []
-    with ThreadPoolExecutor(max_workers=threads or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(max_workers=threads or cores.count()) as pool:
         for index, bound in enumerate(pool.map(bound_of, scenarios)):
             if not np.isfinite(bound.flown):
                 raise BaselineError(f"scenarios[{index}]: the flight of the bound diverged")

@@ -10,7 +10,6 @@ plans it flies the linear-quadratic feedback around the last one.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -23,6 +22,7 @@ from drm_baselines.errors import BaselineError
 from drm_baselines.optimal_control.kalman_filter import MEASURED, Observer, measurement_noise
 from drm_baselines.optimal_control.quadratic_program import Programme, closed_loop, torque_limits
 from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
+from drm_baselines.support import cores
 from drm_baselines.support.processes import process_pool
 from drm_env.constants import LAW_PERIOD, LINK_END_DEFLECTION
 
@@ -434,7 +434,7 @@ def fly_all(
         raise BaselineError(f"seeds: {len(seeds)} of them for {len(scenarios)} scenarios")
     if processes is not None and processes < 1:
         raise BaselineError(f"processes must be at least 1, got {processes!r}")
-    count = min(processes or os.cpu_count() or 1, len(scenarios))
+    count = min(processes or cores.count(), len(scenarios))
     jobs = [
         (dict(scenario), seed, settings) for scenario, seed in zip(scenarios, seeds, strict=True)
     ]

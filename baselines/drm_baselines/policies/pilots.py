@@ -25,6 +25,7 @@ from drm_baselines.policies.gains import TUNED, load_gains
 from drm_baselines.policies.names import find, names_of
 from drm_baselines.policies.perceptron import NetworkPolicy
 from drm_baselines.policies.policy_file import load_policy
+from drm_baselines.support import cores
 from drm_env.constants import LAW_PERIOD, SIGNAL_NAMES
 
 Metrics = dict[str, NDArray[np.float64]]
@@ -108,7 +109,13 @@ class LawPilot:
         progress: Progress | None = None,
     ) -> Metrics:
         """See :class:`Pilot`; there is no return, for nothing is paid without a task."""
-        flown = drm_env.rollout(scenarios, law=dict(self.law), seed=seed, progress=progress)
+        flown = drm_env.rollout(
+            scenarios,
+            law=dict(self.law),
+            seed=seed,
+            num_threads=cores.given(),
+            progress=progress,
+        )
         return {name: values for name, values in flown.items() if name != "episode_return"}
 
     def trajectory(
@@ -156,6 +163,7 @@ class NetworkPilot:
             policy=self.policy.network.engine(),
             config=task_in(self.policy, scenarios),
             seed=seed,
+            num_threads=cores.given(),
             progress=progress,
         )
         return dict(flown)

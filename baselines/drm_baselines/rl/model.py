@@ -20,7 +20,7 @@ from drm_baselines.rl.asymmetric import AsymmetricPolicy, PrivilegedObservations
 from drm_baselines.rl.export import perceptron_of
 from drm_baselines.rl.request import TrainingRequest
 from drm_baselines.rl.staggered_resets import StaggeredStart
-from drm_baselines.support import memory
+from drm_baselines.support import cores, memory
 from drm_baselines.support.extras import needing
 from drm_baselines.support.seeds import training_seed
 
@@ -170,6 +170,7 @@ def make_envs(
         monitor=False,
         step_context=False,
         config=config,
+        num_threads=cores.given(),
     )
     horizon = round(config.scenario.horizon / config.task.control_period)
     env = StaggeredStart(env, horizon)

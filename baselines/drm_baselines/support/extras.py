@@ -28,6 +28,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "learn": (*_EVALUATE, "clarabel", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
     "tune": (*_EVALUATE, "clarabel", "optuna"),
     "bench": (*_CLI, "matplotlib", "numba", "psutil"),
+    "scale": (*_CLI, "ray"),
 }
 """Packages of each extra as they are imported; those with fewer packages come first."""
 

@@ -16,6 +16,9 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import wait
+from typing import Any
+
+from drm_baselines.support import cores
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -37,10 +40,22 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, name="parent's end", daemon=True).start()
 
 
-def _begin() -> None:
+_boards: list[Any] = []  # of a worker: the queue that its parent reads
+
+
+def _begin(cores_each: int | None, board: Any) -> None:
     # A terminal sends Ctrl-C to every process: the parent ends the pool, the others say nothing.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with_parent()
+    if cores_each is not None:
+        cores.keep_to(cores_each)
+    _boards[:] = [] if board is None else [board]
+
+
+def tell_parent(message: Any) -> None:
+    """In a worker of a pool with a board: leave a message for the parent."""
+    for board in _boards:
+        board.put(message)
 
 
 def _kill_workers(pool: ProcessPoolExecutor) -> None:
@@ -52,8 +67,13 @@ def _kill_workers(pool: ProcessPoolExecutor) -> None:
 
 
 @contextlib.contextmanager
-def process_pool(count: int | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of so many processes, by default one a processor.
+def process_pool(
+    count: int | None = None, *, cores_each: int | None = None, board: Any = None
+) -> Iterator[ProcessPoolExecutor]:
+    """Yield a pool of so many processes, by default one a core that this process may use.
+
+    Each may use ``cores_each`` cores, by default as many as it likes. ``board`` is a queue of
+    spawned processes that takes what :func:`tell_parent` is given.
 
     They are spawned, not forked: engine, solver, torch and progress bars have threads, of which a
     forked process would have none. Scripts need the usual guard of their main module. When an
@@ -61,9 +81,10 @@ def process_pool(count: int | None = None) -> Iterator[ProcessPoolExecutor]:
     are at. When this process ends in whatever way, so do they.
     """
     pool = ProcessPoolExecutor(
-        max_workers=count or os.cpu_count() or 1,
+        max_workers=count or cores.count(),
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_begin,
+        initargs=(cores_each, board),
     )
     try:
         yield pool

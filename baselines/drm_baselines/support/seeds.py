@@ -50,6 +50,19 @@ def episode_seeds(seed: int, episodes: int) -> list[int]:
         A negative seed, no episodes, more than fit into memory, or seeds that training may have
         flown.
     """
+    check_seeds(seed, episodes)
+    memory.require(episodes * _EPISODE_BYTES, f"{episodes:,} episodes")
+    return list(range(seed, seed + episodes))
+
+
+def check_seeds(seed: int, episodes: int) -> None:
+    """Check that the seeds ``seed .. seed + episodes - 1`` are all apart from training's.
+
+    Raises
+    ------
+    BaselineError
+        A negative seed, no episodes, or seeds that training may have flown.
+    """
     if episodes < 1:
         raise BaselineError(f"episodes must be at least 1, got {episodes}")
     if seed < 0:
@@ -59,8 +72,6 @@ def episode_seeds(seed: int, episodes: int) -> list[int]:
             f"seeds {seed}..{seed + episodes - 1} reach those kept for training "
             f"({TRAINING_SEED} and above)"
         )
-    memory.require(episodes * _EPISODE_BYTES, f"{episodes:,} episodes")
-    return list(range(seed, seed + episodes))
 
 
 def training_seed(run: int, segment: int) -> int:

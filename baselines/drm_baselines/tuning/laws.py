@@ -22,7 +22,7 @@ from drm_baselines import suites
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.statistics import interquartile_mean
 from drm_baselines.optimal_control import scheduled_lqr
-from drm_baselines.support import storage
+from drm_baselines.support import cores, storage
 from drm_baselines.support.reading import read_table
 from drm_baselines.support.seeds import TUNING_SEED
 
@@ -129,7 +129,7 @@ def fly(law: Mapping[str, Any], scenarios: Sequence[Mapping[str, Any]]) -> Verdi
     drm_env.ConfigError
         Impossible gains.
     """
-    metrics = drm_env.rollout(scenarios, law=dict(law), seed=TUNING_SEED)
+    metrics = drm_env.rollout(scenarios, law=dict(law), seed=TUNING_SEED, num_threads=cores.given())
     error = np.asarray(metrics[METRIC.name], dtype=np.float64)
     lost = ~np.isfinite(error) | (np.asarray(metrics["diverged"]) > 0.0)
     duration = np.asarray(metrics["duration"], dtype=np.float64)
