@@ -7,9 +7,8 @@ end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +25,6 @@ from drm_baselines.policies.pilots import task_in as task_in
 from drm_baselines.policies.policy_file import load_policy
 from drm_baselines.suites import Manoeuvres
 from drm_baselines.support import provenance
-
-Progress = Callable[[str, int, int], None]
-"""Called with (policy, done, total)."""
 
 BOUND_EPISODES = {"unmodelled": 40, "heavy": 100, "rough": 100, "flexible": 40}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
@@ -96,36 +92,39 @@ class Competitor:
         wanted = counts.get(manoeuvres.suite.name, len(manoeuvres))
         return np.arange(len(manoeuvres), dtype=np.int64)[:: max(1, len(manoeuvres) // wanted)]
 
-    def fly(self, manoeuvres: Manoeuvres, progress: Progress | None = None) -> Record:
-        """Fly a suite; the bound is solved and flown.
+    def record(
+        self,
+        manoeuvres: Manoeuvres,
+        pilots: Mapping[int, Pilot],
+        metrics: Mapping[str, NDArray[np.float64]],
+    ) -> Record:
+        """Return the record of what was flown.
 
-        Raises
-        ------
-        BaselineError, RunError
-            A policy that cannot fly there, or whose files are damaged.
+        Parameters
+        ----------
+        manoeuvres
+            The suite.
+        pilots
+            Who flew, from :meth:`pilots`.
+        metrics
+            By name, each of shape (pilots, episodes).
         """
         episodes = self.episodes(manoeuvres)
-        scenarios = [manoeuvres.scenarios[index] for index in episodes]
-        rows, trained, period = [], {}, 0.0
-        for place, (seed, pilot) in enumerate(self.pilots()):
-            # many short flights are shown by their policies
-            shown = None if self.runs or progress is None else partial(progress, self.title)
-            rows.append(pilot.fly(scenarios, seed=episodes.tolist(), progress=shown))
-            period = pilot.control_period
-            if isinstance(pilot, NetworkPilot):
-                trained[str(seed)] = pilot.policy.description.get("training", {})
-            if self.runs and progress is not None:
-                progress(self.title, place + 1, len(self.runs))
+        trained = {
+            str(seed): pilot.policy.description.get("training", {})
+            for seed, pilot in pilots.items()
+            if isinstance(pilot, NetworkPilot)
+        }
         return Record(
             policy=self.policy,
             title=self.title,
             kind=self.kind,
             knows=self.knows,
-            control_period=period,
+            control_period=[pilot.control_period for pilot in pilots.values()][-1],
             seeds=list(self.runs) or [0],
             episodes=episodes,
             strata=[manoeuvres.strata[index] for index in episodes],
-            metrics={name: np.stack([row[name] for row in rows]) for name in rows[0]},
+            metrics=metrics,
             details={
                 **({"training": trained} if trained else self.identity),
                 "suite": manoeuvres.digest,

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from drm_baselines.cli.common import JSON_HELP, guarded, json_target
+from drm_baselines.cli.sharing import RayOption, place_of
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.policies.names import listed
 from drm_baselines.support.extras import require
@@ -58,6 +59,7 @@ def benchmark(
             show_default=False,
         ),
     ] = None,
+    ray: RayOption = None,
     again: Annotated[
         bool, typer.Option("--again", help="Fly everybody anew, whatever records there are.")
     ] = False,
@@ -78,6 +80,7 @@ def benchmark(
     angles in degrees in the tables, SI and radians in the files.
     """
     require("drm benchmark", "report")
+    place = place_of(ray)
     with leaving_at_once():
         from drm_baselines import suites
         from drm_baselines.benchmark import competitors as competing
@@ -86,6 +89,7 @@ def benchmark(
         from drm_baselines.benchmark.report import page, tables, targets
         from drm_baselines.policies.pilots import shipped_runs
         from drm_baselines.support import storage, workplace
+        from drm_baselines.support.places import executor
 
     as_json, json_file = json_target(as_json, json_file, context.args)
     names = list(suite or suites.SUITES)
@@ -96,14 +100,20 @@ def benchmark(
     if json_file is not None:
         storage.claim_file(json_file, force=True)
     everybody = competing.chosen(competing.competitors(learned), policy)
-    with workplace.noting(out, workplace.Work("drm benchmark")):
+    with workplace.noting(out, workplace.Work("drm benchmark")), executor(place) as workers:
         results = []
         for name in dict.fromkeys(names):
             begun = time.monotonic()
             with counting("episodes") as progress:
                 shown = functools.partial(_show, progress, name)
                 result = runner.fly_suite(
-                    name, everybody, out, again=again, progress=shown, told=note
+                    name,
+                    everybody,
+                    out,
+                    again=again,
+                    progress=shown,
+                    told=note,
+                    workers=workers,
                 )
             results.append(result)
             if as_json:

@@ -15,7 +15,8 @@ from drm_baselines.cli.common import (
     guarded,
     parse_options,
 )
-from drm_baselines.cli.terminal import progress_bar, say
+from drm_baselines.cli.sharing import ProcessesOption, RayOption, place_of
+from drm_baselines.cli.terminal import counting, progress_bar, say
 from drm_baselines.errors import BaselineError
 from drm_baselines.rl import hyperparameters as settings_files
 from drm_baselines.support.extras import needing, require
@@ -24,7 +25,8 @@ from drm_baselines.support.interruption import exit_code, leaving_at_once
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from drm_baselines.rl.request import Point
+    from drm_baselines.rl.request import Point, TrainingRequest
+    from drm_baselines.support.places import Place
 
 
 class ConsoleWatcher:
@@ -74,6 +76,29 @@ def training_module() -> Any:
     return training
 
 
+def _several(out: Path, request: TrainingRequest, text: str, place: Place, force: bool) -> None:
+    """Train several seeds and say how each has ended."""
+    with leaving_at_once(), needing("training", "learn"):
+        from drm_baselines.rl import several
+
+    seeds = several.parse_seeds(text)
+    with counting("steps") as progress:
+        records = several.train_seeds(
+            out,
+            request,
+            seeds,
+            place=place,
+            force=force,
+            progress=lambda seed, done, total: progress(f"seed {seed}", done, total),
+        )
+    for seed, record in records.items():
+        say(
+            f"seed {seed}: {record.status} after {record.steps:,} steps and "
+            f"{record.wall_time:.0f} s of training"
+        )
+    say(f"saved in {out}")
+
+
 @guarded
 def train(
     out: Annotated[Path, typer.Option(help="Directory of the run.")],
@@ -106,6 +131,14 @@ def train(
             min=0,
             max=999,
             help="Seed of networks, noise and episodes; 0 by default.",
+            show_default=False,
+        ),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            help="Several seeds, such as 0-9 or 0,2,5-7: a run each, in --out/seed_N. The same "
+            "command goes on with those that are not finished.",
             show_default=False,
         ),
     ] = None,
@@ -155,6 +188,8 @@ def train(
             "machine, which runs whatever its maker wants.",
         ),
     ] = False,
+    ray: RayOption = None,
+    processes: ProcessesOption = 1,
     force: Annotated[
         bool, typer.Option("--force", help="Start anew in a directory that is not empty.")
     ] = False,
@@ -167,8 +202,13 @@ def train(
     checkpoint is a pickle that --resume alone reads, and only if you have written it on this
     machine or say --trust.
     """
+    if seeds is None and (ray is not None or processes != 1):
+        raise BaselineError("--ray and --processes share out --seeds: one training is one job")
+    if seeds is not None and seed is not None:
+        raise BaselineError("give either --seed or --seeds")
     if resume:
-        given = {"--algo": algo, "--env": env_id, "--seed": seed, "--n-envs": n_envs,
+        given = {"--algo": algo, "--env": env_id, "--seed": seed, "--seeds": seeds,
+                 "--n-envs": n_envs,
                  "--hyperparameters": hyperparameters, "--start": start,
                  "--evaluations": evaluations, "--evaluation-episodes": evaluation_episodes,
                  "--set": set_options or None,
@@ -209,6 +249,9 @@ def train(
             evaluation_episodes=evaluation_episodes if evaluation_episodes is not None else 100,
             start=start,
         )
+        if seeds is not None:
+            _several(out, request, seeds, place_of(ray, processes), force)
+            return
         with progress_bar() as progress:
             watcher = ConsoleWatcher(progress, request.steps)
             record = training.train(out, request, watcher=watcher, force=force)

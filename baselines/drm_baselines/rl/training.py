@@ -75,6 +75,30 @@ def _start_of(directory: Path) -> dict[str, Any]:
     return {"directory": str(directory), "weights_sha256": digest}
 
 
+def asked(request: TrainingRequest) -> dict[str, Any]:
+    """Return what the record of a run says of the request that it was started with."""
+    config = environment_config(request.env_id, {**request.settings.env, **request.options})
+    record = _new_record(request, config)
+    names = (
+        "algorithm", "env_id", "options", "config", "hyperparameters", "seed", "target_steps",
+        "evaluations", "evaluation_episodes", "start",
+    )  # fmt: skip
+    plain = storage.plain({name: getattr(record, name) for name in names})
+    return dict(plain)
+
+
+def check(request: TrainingRequest) -> None:
+    """Refuse, before any work, what cannot be trained, as far as it is seen without a model.
+
+    Raises
+    ------
+    drm_env.ConfigError, BaselineError
+        Impossible environment options or numbers of episodes.
+    """
+    environment_config(request.env_id, {**request.settings.env, **request.options})
+    episode_seeds(CURVE_SEED, request.evaluation_episodes)
+
+
 def train(
     directory: Path,
     request: TrainingRequest,

@@ -43,7 +43,9 @@ class Executor(Protocol):
     workers
         How many jobs go on at a time.
     is_here
-        Whether jobs are done in this very process, with all its cores, and see its files.
+        Whether jobs are done in this very process, with all its cores.
+    shares_files
+        Whether jobs see the files of this process under the same names.
     """
 
     @property
@@ -52,6 +54,10 @@ class Executor(Protocol):
 
     @property
     def is_here(self) -> bool:
+        """See the class."""
+
+    @property
+    def shares_files(self) -> bool:
         """See the class."""
 
     def run(
@@ -77,6 +83,7 @@ class Here:
 
     workers = 1
     is_here = True
+    shares_files = True
 
     def run(
         self,
@@ -107,6 +114,7 @@ class Processes:
     """
 
     is_here = False
+    shares_files = True
 
     def __init__(self, count: int, cores_each: int | None = None) -> None:
         self.workers = count

@@ -18,6 +18,7 @@ import platform
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -119,6 +120,7 @@ class OnRay:
     """
 
     is_here = False
+    shares_files = False
 
     def __init__(self, cores_each: int) -> None:
         self._cores = cores_each
@@ -157,16 +159,18 @@ class OnRay:
         )
         board = ray.remote(_Board).options(num_cpus=0).remote() if told is not None else None
         common, wanted = ray.put(shared), identity()
-        waiting, running = iter(jobs), dict[Any, Key]()
+        lost: dict[Key, int] = {}
+        again: deque[tuple[Key, Job]] = deque()
+        waiting, running = iter(jobs), dict[Any, tuple[Key, Job]]()
         try:
             while True:
                 while len(running) < AHEAD * max(1, self.workers):
-                    following = next(waiting, None)
+                    following = again.popleft() if again else next(waiting, None)
                     if following is None:
                         break
                     key, job = following
                     reference = task.remote(work, common, key, job, wanted, self._cores, board)
-                    running[reference] = key
+                    running[reference] = following
                 if not running:
                     return
                 ready, _ = ray.wait(list(running), num_returns=1, timeout=POLL)
@@ -175,11 +179,26 @@ class OnRay:
                 if told is not None:
                     _pass_on(ray, board, told)
                 for reference in ready:
-                    yield running.pop(reference), _result_of(ray, reference)
+                    key, job = running.pop(reference)
+                    try:
+                        result = _result_of(ray, reference)
+                    except _LostError as error:
+                        lost[key] = lost.get(key, 0) + 1
+                        if lost[key] > RETRIES:
+                            raise ClusterError(f"a job was lost again and again: {error}") from None
+                        # what all have in common may have been lost with it
+                        common = ray.put(shared)
+                        again.append((key, job))
+                    else:
+                        yield key, result
         finally:
             for reference in running:
                 with contextlib.suppress(Exception):
                     ray.cancel(reference, force=True)
+
+
+class _LostError(Exception):
+    """A job that was lost with its worker, its node or what it was given."""
 
 
 def _pass_on(ray: Any, board: Any, told: Told) -> None:
@@ -195,20 +214,20 @@ def _result_of(ray: Any, reference: Any) -> Any:
     Raises
     ------
     ClusterError
-        The job was lost with its node or worker, again and again.
+        A node lacks a package.
+    _LostError
+        The job was lost.
     """
     try:
         return ray.get(reference)
-    except ray.exceptions.RayTaskError as error:
-        cause = error.cause
+    except ray.exceptions.RayError as error:
+        cause = error.cause if isinstance(error, ray.exceptions.RayTaskError) else error
+        if isinstance(cause, ray.exceptions.RayError):
+            lines = str(cause).strip().splitlines()
+            raise _LostError(lines[0] if lines else type(cause).__name__) from error
         if isinstance(cause, ModuleNotFoundError) and not isinstance(cause, BaselineError):
             raise ClusterError(f"a node of the cluster lacks a package: {cause}") from error
-        if isinstance(cause, Exception):
-            raise cause from error
-        raise
-    except ray.exceptions.RayError as error:
-        lines = str(error).strip().splitlines() or [type(error).__name__]
-        raise ClusterError(f"a job was lost on the cluster: {lines[0]}") from error
+        raise cause from error
 
 
 def _ray() -> Any:
@@ -263,13 +282,19 @@ def _connect(ray: Any, address: str) -> None:
                 raise ClusterError(f"no Ray cluster at {address}: {lines[0]}") from error
         else:
             return
-    ray.init(
-        address="local",
-        num_cpus=cores.count(),
-        include_dashboard=False,
-        object_store_memory=_STORE_BYTES,
-        **quiet,
-    )
+    try:
+        ray.init(
+            address="local",
+            num_cpus=cores.count(),
+            include_dashboard=False,
+            object_store_memory=_STORE_BYTES,
+            **quiet,
+        )
+    except Exception as error:
+        # Ray has no class of its own for a node that does not start
+        if type(error) is not Exception and not isinstance(error, (RuntimeError, OSError)):
+            raise
+        raise ClusterError(f"Ray does not start on this machine: {error}") from error
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ import json
 import math
 import os
 import re
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -233,6 +234,19 @@ def claim_directory(directory: Path, *, force: bool = False) -> Path:
         with tempfile.TemporaryFile(dir=directory):
             pass
     return directory
+
+
+def remove_tree(directory: Path) -> None:
+    """Remove a directory with everything in it, if it is there.
+
+    Raises
+    ------
+    WriteError
+        The system refuses.
+    """
+    with writing(directory):
+        if directory.is_dir() and not directory.is_symlink():
+            shutil.rmtree(directory)
 
 
 def claim_file(path: Path, *, force: bool = False) -> Path:
