@@ -37,12 +37,14 @@ if TYPE_CHECKING:
     from drm_env._config import EnvConfig, Scenario, Task
     from drm_env._engine import __version__
     from drm_env._infos import NO_VALUE, info_metrics
+    from drm_env.checking import check_sb3_vec_env, check_vector_env
     from drm_env.configuration import default_config, option_names
     from drm_env.distributions import Choices, LogUniform, Normal, Uniform
     from drm_env.env import DrmEnv
     from drm_env.errors import (
         ActionError,
         ActionTypeError,
+        CheckError,
         ConfigError,
         DrmError,
         EnvironmentClosedError,
@@ -82,6 +84,7 @@ __all__ = [
     "ActionError",
     "ActionTypeError",
     "ArmPosition",
+    "CheckError",
     "Choices",
     "ConfigError",
     "ControlLaw",
@@ -115,6 +118,8 @@ __all__ = [
     "UnknownOptionError",
     "Workspace",
     "__version__",
+    "check_sb3_vec_env",
+    "check_vector_env",
     "default_config",
     "episode_metrics",
     "info_metrics",
@@ -139,12 +144,14 @@ _HOMES = {
     "_config": ["EnvConfig", "Scenario", "Task"],
     "_engine": ["__version__"],
     "_infos": ["NO_VALUE", "info_metrics"],
+    "checking": ["check_sb3_vec_env", "check_vector_env"],
     "configuration": ["default_config", "option_names"],
     "distributions": ["Choices", "LogUniform", "Normal", "Uniform"],
     "env": ["DrmEnv"],
     "errors": [
         "ActionError",
         "ActionTypeError",
+        "CheckError",
         "ConfigError",
         "DrmError",
         "EnvironmentClosedError",

@@ -11,9 +11,10 @@
     │   │   └── ActionTypeError (TypeError)   an action that is not made of real numbers
     │   ├── ResetNeededError              step before reset or after the end of an episode
     │   └── EnvironmentClosedError        any use after close
-    └── SnapshotError                     bytes that are not a snapshot of this environment
+    ├── SnapshotError                     bytes that are not a snapshot of this environment
+    └── CheckError (AssertionError)       a vector environment that does not keep its promises
 
-Nothing has changed when one of them is raised.
+Nothing has changed when one of them is raised, but for the last: a check flies what it checks.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import gymnasium as gym
 __all__ = [
     "ActionError",
     "ActionTypeError",
+    "CheckError",
     "ConfigError",
     "DrmError",
     "EnvironmentClosedError",
@@ -126,3 +128,24 @@ class SnapshotError(DrmError):
     """Bytes that are damaged, of another version, or of another configuration."""
 
     __module__ = "drm_env"
+
+
+class CheckError(DrmError, AssertionError):
+    """A vector environment that does not keep what its interface promises.
+
+    Attributes
+    ----------
+    faults : tuple of str
+        Everything that was found.
+    """
+
+    __module__ = "drm_env"
+
+    def __init__(self, subject: str, faults: tuple[str, ...]) -> None:
+        self.subject, self.faults = subject, faults
+        super().__init__(subject, faults)
+
+    def __str__(self) -> str:
+        """The faults, one a line."""
+        lines = "".join(f"\n- {fault}" for fault in self.faults)
+        return f"{self.subject} has {len(self.faults)} fault(s):{lines}"
