@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -13,16 +14,18 @@ import drm_env
 
 sb3 = pytest.importorskip("stable_baselines3")
 
+from stable_baselines3.common.env_util import make_vec_env  # noqa: E402
 from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
-from stable_baselines3.common.monitor import Monitor  # noqa: E402
+from stable_baselines3.common.monitor import Monitor, load_results  # noqa: E402
 from stable_baselines3.common.vec_env import (  # noqa: E402
     DummyVecEnv,
+    VecEnv,
     VecFrameStack,
     VecMonitor,
     VecNormalize,
 )
 
-from drm_env.sb3 import DrmSB3VecEnv, make_sb3_vec  # noqa: E402
+from drm_env.sb3 import DrmSB3VecEnv, make_sb3_vec, native_batch  # noqa: E402
 
 ID = "drm_env/Slew-v0"
 WHOLE_EPISODE = ("metrics/", "diverged", "is_success")
@@ -230,3 +233,42 @@ def test_action_errors_leave_the_batch_as_it_was() -> None:
     with pytest.raises(drm_env.ActionError, match=r"finite"):
         env.step(np.array([[0.0, 0.0], [0.0, np.nan]], np.float32))
     assert env.env_method("get_state") == before
+
+
+def test_a_native_batch_takes_the_place_of_single_environments(tmp_path: Path) -> None:
+    """As RL Baselines3 Zoo makes them: with options, seeds, a step limit and files of Monitor."""
+
+    def singles(folder: str) -> VecEnv:
+        spec = gym.spec("drm_env/Slew-v1")
+        return make_vec_env(
+            lambda **options: spec.make(**options), n_envs=3, seed=7,
+            monitor_dir=str(tmp_path / folder),
+            env_kwargs={"payload_mass": (60.0, 400.0), "max_episode_steps": 6},
+        )  # fmt: skip
+
+    theirs, ours = singles("theirs"), native_batch(singles("ours"))
+    assert isinstance(ours.unwrapped, DrmSB3VecEnv)
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    rng = np.random.default_rng(0)
+    for _ in range(15):
+        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
+        for one, other in zip(ours.step(actions)[:3], theirs.step(actions)[:3], strict=True):
+            np.testing.assert_array_equal(one, other)
+    ours.close()
+    theirs.close()
+    kept, expected = load_results(str(tmp_path / "ours")), load_results(str(tmp_path / "theirs"))
+    assert len(kept) == len(expected) == 6
+    np.testing.assert_allclose(sorted(kept["r"]), sorted(expected["r"]), rtol=1e-5)
+    assert [path.name for path in (tmp_path / "ours").iterdir()] == ["0.monitor.csv"]
+
+
+def test_what_a_native_batch_cannot_be_is_refused() -> None:
+    different = DummyVecEnv([lambda m=m: gym.make(ID, payload_mass=m) for m in (60.0, 70.0)])
+    with pytest.raises(drm_env.ConfigError, match="1 has .*70.0"):
+        native_batch(different)
+    different.reset()  # still open
+    with pytest.raises(drm_env.ConfigError, match="CartPole"):
+        native_batch(DummyVecEnv([lambda: gym.make("CartPole-v1")]))
+    wrapped = DummyVecEnv([lambda: gym.wrappers.ClipReward(gym.make(ID), -1.0)])
+    with pytest.raises(drm_env.ConfigError, match="ClipReward"):
+        native_batch(wrapped)

@@ -6,6 +6,7 @@ import copy
 import operator
 import warnings
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -23,6 +24,7 @@ from drm_env.sub_env import SubEnv
 from drm_env.vector import DrmVectorEnv
 
 try:
+    from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
@@ -31,7 +33,7 @@ except ModuleNotFoundError as error:
         name=error.name,
     ) from error
 
-__all__ = ["DrmSB3VecEnv", "make_sb3_vec"]
+__all__ = ["DrmSB3VecEnv", "make_sb3_vec", "native_batch"]
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -328,3 +330,66 @@ def make_sb3_vec(
         venv.seed(operator.index(seed))
         venv.action_space.seed(operator.index(seed))
     return venv
+
+
+def native_batch(venv: VecEnv) -> VecEnv:
+    """One native batch in the place of a ``VecEnv`` of single environments.
+
+    For programs that make their environments one by one, such as RL Baselines3 Zoo: there, as
+    ``vec_env_wrapper: drm_env.sb3.native_batch`` in a hyperparameter file. The batch has the ids,
+    options, seeds and step limit of the environments that it replaces and flies the same episodes,
+    to the bit. What ``Monitor`` was to record, a ``VecMonitor`` records in the first one's file.
+
+    Parameters
+    ----------
+    venv : VecEnv
+        Made of environments of this package that all have the same options, with no wrappers but
+        those of ``gym.make`` and ``Monitor``. It is closed.
+
+    Returns
+    -------
+    venv : VecEnv
+        A `DrmSB3VecEnv` within a ``VecMonitor``.
+
+    Raises
+    ------
+    ConfigError
+        Other environments, different ones, or wrappers that a batch cannot have; ``venv`` is as it
+        was.
+
+    Examples
+    --------
+    >>> from stable_baselines3.common.env_util import make_vec_env
+    >>> from drm_env.sb3 import native_batch
+    >>> venv = native_batch(make_vec_env("drm_env/Slew-v0", n_envs=4, seed=0))
+    >>> venv.reset().shape == (4, *venv.observation_space.shape)
+    True
+    """
+    specs = [copy.deepcopy(spec) for spec in venv.get_attr("spec")]
+    for spec in specs:
+        if spec is not None:
+            spec.additional_wrappers = tuple(
+                wrapper for wrapper in spec.additional_wrappers if wrapper.name != "Monitor"
+            )
+    first = specs[0]
+    for index, spec in enumerate(specs):
+        if spec != first:
+            raise ConfigError(
+                f"environments of one batch have the same options; {index} has {spec}, "
+                f"0 has {first}"
+            )
+    if first is None:
+        raise ConfigError("the environments of venv have no specification: make them by gym.make")
+    batch = make_sb3_vec(first, n_envs=venv.num_envs, monitor=False)
+    batch._seeds, batch._options = list(venv._seeds), list(venv._options)
+    files: list[Path] = []
+    if any(venv.env_is_wrapped(Monitor)):
+        files = [
+            Path(writer.file_handler.name)
+            for writer in venv.get_attr("results_writer")
+            if writer is not None
+        ]
+    venv.close()
+    for path in files[1:]:
+        path.unlink()  # of the others, with a heading and nothing else
+    return VecMonitor(batch, filename=str(files[0]) if files else None)
