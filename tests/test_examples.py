@@ -16,6 +16,7 @@ SMALL = {
     "own_controller": ("--episodes", "4"),
     "misreported_payload": ("--episodes", "8"),
     "custom_reward": ("--out", "reward.png"),
+    "ppo_single_file": ("--envs", "4", "--steps", "1024", "--episodes", "4"),
     "train_from_scratch": (
         "--envs",
         "4",
