@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from drm_env import _engine
+from drm_env import _engine, _html
 from drm_env._arguments import OptionsAreNoAttributes, convert_action, refuse_option
 from drm_env._closed_engine import ClosedEngine
 from drm_env._infos import CONTEXT_KEYS, REPORT_KEYS, context_info
@@ -392,6 +392,10 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         self._engine = ClosedEngine()  # type: ignore[assignment]
 
     # -- What the environment is -------------------------------------------------------------
+
+    def _repr_html_(self) -> str:
+        """What Jupyter shows: episode, spaces, what is drawn, and every value."""
+        return _html.environment(type(self).__name__, self._resolved)
 
     @property
     def config(self) -> EnvConfig:

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drm_env import _engine
+from drm_env import _engine, _html
 from drm_env._spaces import ObservationEntry, action_box, observation_box
 from drm_env._typed import config_from_json
 from drm_env.errors import ConfigError
@@ -100,6 +100,10 @@ class ResolvedConfig:
             f"ResolvedConfig({self.horizon_steps} steps of {self.control_period:g} s, "
             f"observation {len(self.observation_layout)}, action {self.action_size}{drawn})"
         )
+
+    def _repr_html_(self) -> str:
+        """What Jupyter shows: what the environment will be, and every value."""
+        return _html.environment("ResolvedConfig", self)
 
     # -- As data -----------------------------------------------------------------------------
 

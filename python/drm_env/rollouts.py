@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drm_env import _engine
+from drm_env import _engine, _html
 from drm_env._manoeuvres import check_decimation, engine_scenario, law_json
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
@@ -90,6 +90,10 @@ class Rollout(dict[str, NDArray[np.float64]]):
         count = len(next(iter(self.values()), ()))
         signals = f"; signals {', '.join(self.trajectories)}" if self.trajectories else ""
         return f"Rollout({count} manoeuvres: {', '.join(self)}{signals})"
+
+    def _repr_html_(self) -> str:
+        """What Jupyter shows: the distribution of every metric."""
+        return _html.rollout(self, self.trajectories)
 
 
 def _schedule(torques: Any, hold: Any, scenarios: int) -> tuple[NDArray[np.float64], int]:

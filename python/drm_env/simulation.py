@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drm_env import _engine
+from drm_env import _engine, _html
 from drm_env._manoeuvres import check_decimation, engine_scenario, law_json
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
@@ -78,6 +78,10 @@ class Trajectory(dict[str, NDArray[np.float64]]):
         samples = len(next(iter(self.values()), ()))
         until = f", {self['time'][-1]:g} s" if samples and "time" in self else ""
         return f"Trajectory({samples} samples{until}: {', '.join(self)})"
+
+    def _repr_html_(self) -> str:
+        """What Jupyter shows: metrics, and the signals with their curves."""
+        return _html.trajectory(self, self.metrics)
 
 
 def simulate(

@@ -13,7 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from drm_env import _engine
+from drm_env import _engine, _html
 from drm_env._arguments import (
     OptionsAreNoAttributes,
     convert_action,
@@ -525,6 +525,12 @@ class DrmVectorEnv(
         return info
 
     # -- What the environment is -------------------------------------------------------------
+
+    def _repr_html_(self) -> str:
+        """What Jupyter shows: episode, spaces, what is drawn, and every value."""
+        return _html.environment(
+            type(self).__name__, self._resolved, ("sub-environments", str(self.num_envs))
+        )
 
     @property
     def config(self) -> EnvConfig:

@@ -86,7 +86,7 @@ def benchmark(
         from drm_baselines.benchmark import competitors as competing
         from drm_baselines.benchmark import runner
         from drm_baselines.benchmark.report import documents as made
-        from drm_baselines.benchmark.report import page, tables, targets
+        from drm_baselines.benchmark.report import example, page, tables, targets
         from drm_baselines.policies.pilots import shipped_runs
         from drm_baselines.support import storage, workplace
         from drm_baselines.support.places import executor
@@ -125,7 +125,15 @@ def benchmark(
         if as_json:
             say_json(made.summary(results))
         figures = made.draw(results, out / "figures", learned or shipped_runs())
-        written = [page.write_page(results, out / "benchmark.html", figures, overwrite=True)]
+        written = [
+            page.write_page(
+                results,
+                out / "benchmark.html",
+                {caption: figures[caption] for caption in made.LINKED if caption in figures},
+                flights=example.example_flights(names[0], everybody),
+                overwrite=True,
+            )
+        ]
         if json_file is not None:
             written.append(made.write_summary(json_file, results, overwrite=True))
         if documents is not None:

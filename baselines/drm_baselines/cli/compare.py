@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +33,13 @@ def compare(
         Path | None,
         typer.Option(help="Directory for comparison.json, episodes.csv and figures (PNG)."),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            help="File for a report in HTML that needs no network: tables, every episode, linked "
+            "charts and the arm in motion for three of them.",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
     set_options: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
@@ -58,6 +66,9 @@ def compare(
     ]
     if out is not None:
         storage.claim_directory(out, force=force)
+    if html is not None:
+        require("a report (--html)", "evaluate", "jinja2")
+        storage.claim_file(html, force=force)
     with counting("episodes") as progress:
         flights = fly_all(contestants, arena, progress)
     report = report_of(flights, arena)
@@ -67,16 +78,26 @@ def compare(
         show(*comparison_tables(flights, title=f"{env_id}, seeds {seed}..", width=console.width))
         for label, entry in report["paired"]["candidates"].items():
             show(paired_table(entry, title=f"{label} minus {report['paired']['reference']}"))
-    if out is None:
-        return
-    from drm_baselines.evaluation import plots
+    files = []
+    if html is not None:
+        from drm_baselines.evaluation.reports import comparison_page
+        from drm_baselines.pages.writer import write_page
 
-    files = write_comparison(out, flights, report, title=env_id, overwrite=force)
-    trajectories = {contestant.label: contestant.trajectory(arena) for contestant in contestants}
-    files.append(
-        plots.plot_manoeuvres(
-            trajectories, out / "manoeuvre.png", title=f"{env_id}, seed {seed}", overwrite=force
-        )
-    )
-    if not as_json:
+        with counting("flights") as progress:
+            told = functools.partial(progress, "report")
+            page = comparison_page(contestants, flights, report, arena, told=told)
+        files.append(write_page(page, html, overwrite=True))
+    if out is not None:
+        from drm_baselines.evaluation import plots
+
+        files += write_comparison(out, flights, report, title=env_id, overwrite=force)
+        trajectories = {
+            contestant.label: contestant.trajectory(arena) for contestant in contestants
+        }
+        title = f"{env_id}, seed {seed}"
+        picture = out / "manoeuvre.png"
+        link1 = arena.config.scenario.arm.link1.length
+        plots.plot_manoeuvres(trajectories, picture, title=title, link1=link1, overwrite=force)
+        files.append(picture)
+    if files and not as_json:
         say_files(files)

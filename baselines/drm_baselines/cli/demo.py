@@ -66,14 +66,10 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
         rows.update(
             {f"{title_of(law)}, payload {told}": flight.metrics for law, flight in flights.items()}
         )
-        files.append(
-            plots.plot_manoeuvres(
-                flights,
-                out / f"manoeuvre_mass_{round(error * 100):+d}_percent.png",
-                title=f"50 deg slew, 1 m to 8 m, Payload 1 {told}",
-                overwrite=overwrite,
-            )
-        )
+        picture = out / f"manoeuvre_mass_{round(error * 100):+d}_percent.png"
+        title = f"50 deg slew, 1 m to 8 m, Payload 1 {told}"
+        plots.plot_manoeuvres(flights, picture, title=title, overwrite=overwrite)
+        files.append(picture)
     show(metrics_table(rows, title="thesis manoeuvre: 50 deg, minimum time, 1 m to 8 m, Payload 1"))
     files.append(
         storage.write_json(
@@ -124,7 +120,7 @@ def _learning_curve(
 
     table = np.genfromtxt(run / EVALUATIONS_FILE, delimiter=",", names=True, ndmin=1)
     names: Sequence[str] = table.dtype.names or ()
-    return plots.plot_learning_curve(
+    plots.plot_learning_curve(
         {name: np.asarray(table[name], dtype=np.float64) for name in names},
         bands,
         path,
@@ -132,6 +128,7 @@ def _learning_curve(
         title=f"learning on {ENV_ID}, and the laws on the same episodes",
         overwrite=overwrite,
     )
+    return path
 
 
 def _train(run: Path, steps: int, seed: int, n_envs: int | None, *, force: bool) -> None:
@@ -276,9 +273,11 @@ def _episode_figure(
 ) -> Path:
     from drm_baselines.evaluation import plots
 
-    return plots.plot_manoeuvres(
+    picture = out / "episode.png"
+    plots.plot_manoeuvres(
         {contestant.label: contestant.trajectory(arena) for contestant in contestants},
-        out / "episode.png",
+        picture,
         title=f"{arena.env_id}, seed {arena.seed}",
         overwrite=overwrite,
     )
+    return picture

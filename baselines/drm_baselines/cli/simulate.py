@@ -136,6 +136,13 @@ def simulate(
     decimation: Annotated[
         int, typer.Option(min=1, max=10**9, help="Keep every so many samples of the sample period.")
     ] = 5,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            help="File for a report in HTML that needs no network: linked charts, the arm in "
+            "motion, metrics, configuration.",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the metrics as JSON, SI units and radians.")
@@ -169,15 +176,19 @@ def simulate(
     if out is not None:
         require("a picture of the manoeuvre (--out)", "plot")
         storage.claim_directory(out, force=force)
+    if html is not None:
+        require("a report (--html)", "evaluate", "jinja2")
+        storage.claim_file(html, force=force)
     flights = {
         name: pilot.trajectory(description, decimation=decimation) for name, pilot in pilots.items()
     }
+    laws = {name: _data(pilot) for name, pilot in pilots.items()}
     report = {
         "format": "drm-simulation",
         "format_version": 1,
         "units": "SI and radians",
         "scenario": description,
-        "laws": {name: _data(pilot) for name, pilot in pilots.items()},
+        "laws": laws,
         "metrics": {name: dict(flight.metrics) for name, flight in flights.items()},
         "provenance": provenance.provenance(),
     }
@@ -197,17 +208,25 @@ def simulate(
                 "and there are no results",
                 "diverged",
             )
-    if out is None:
-        return
-    files = [
-        write_trajectory(out / f"{name}.csv", flight, overwrite=force)
-        for name, flight in flights.items()
-    ]
-    files.append(storage.write_json(out / "simulation.json", report, overwrite=force))
-    from drm_baselines.evaluation import plots
+    files = []
+    if html is not None:
+        from drm_baselines.evaluation.reports import simulation_page
+        from drm_baselines.pages.writer import write_page
 
-    files.append(
-        plots.plot_manoeuvres(flights, out / "manoeuvre.png", title="manoeuvre", overwrite=force)
-    )
-    if not as_json:
+        page = simulation_page(description, flights, laws)
+        files.append(write_page(page, html, overwrite=True))
+    if out is not None:
+        from drm_baselines.evaluation import plots
+        from drm_baselines.evaluation.environments import complete_scenario
+
+        files += [
+            write_trajectory(out / f"{name}.csv", flight, overwrite=force)
+            for name, flight in flights.items()
+        ]
+        files.append(storage.write_json(out / "simulation.json", report, overwrite=force))
+        picture = out / "manoeuvre.png"
+        link1 = complete_scenario(description)["arm"]["link1"]["length"]
+        plots.plot_manoeuvres(flights, picture, title="manoeuvre", link1=link1, overwrite=force)
+        files.append(picture)
+    if files and not as_json:
         say_files(files)

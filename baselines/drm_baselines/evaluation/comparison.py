@@ -63,13 +63,14 @@ def write_comparison(
     settings["policies"] = [
         {"label": flight.label, "details": dict(flight.details)} for flight in flights
     ]
-    return [
+    files = [
         storage.write_json(directory / "comparison.json", dict(report), overwrite=overwrite),
         *write_records(directory / "episodes.csv", flights, settings=settings, overwrite=overwrite),
-        plots.plot_comparison(
-            flights, directory / "comparison.png", title=title, overwrite=overwrite
-        ),
-        plots.plot_distribution(
-            flights, directory / "tip_error.png", title=title, overwrite=overwrite
-        ),
     ]
+    for name, draw in (
+        ("comparison.png", plots.plot_comparison),
+        ("tip_error.png", plots.plot_distribution),
+    ):
+        draw(flights, directory / name, title=title, overwrite=overwrite)
+        files.append(directory / name)
+    return files

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -62,6 +63,21 @@ def scenarios_of(
 ) -> list[dict[str, Any]]:
     """Return the scenarios that the environment flies with ``seed .. seed + episodes - 1``."""
     return drm_env.sample_scenarios(task_of(env_id), config=config, seed=seed, n=episodes)
+
+
+def complete_scenario(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scenario with everything that it leaves out as the standard manoeuvre has it."""
+
+    def filled(part: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, Any]:
+        found = dict(whole)
+        for name, value in part.items():
+            inner = whole.get(name)
+            if isinstance(value, Mapping) and isinstance(inner, Mapping):
+                value = filled(value, inner)
+            found[name] = value
+        return found
+
+    return filled(scenario, dataclasses.asdict(drm_env.Scenario()))
 
 
 def task_of(env_id: str) -> str:

@@ -9,6 +9,7 @@ CSV file, and in the file's own metadata for Parquet.
 from __future__ import annotations
 
 import csv
+import html
 import importlib
 import json
 import math
@@ -68,6 +69,27 @@ class Episodes:
     def __len__(self) -> int:
         """Return the number of episodes."""
         return len(self.seeds)
+
+    def _repr_html_(self) -> str:
+        """What Jupyter shows: every metric's aggregate with its interval."""
+        rows = []
+        for name in self.metrics:
+            shown = describe(name)
+            found = self.estimate(name).scaled(shown.scale)
+            cells = (
+                shown.label,
+                shown.unit,
+                f"{found.value:.4g}",
+                f"{found.low:.4g} to {found.high:.4g}",
+            )
+            rows.append("".join(f"<td>{html.escape(cell)}</td>" for cell in cells))
+        heads = ("metric", "unit", "interquartile mean", "95 % interval")
+        head = "".join(f"<th>{html.escape(name)}</th>" for name in heads)
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return (
+            f"<p><b>{html.escape(self.label)}</b>: {len(self)} episodes</p>"
+            f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        )
 
     def judged(self, name: str) -> NDArray[np.float64]:
         """Return a metric with every episode given a value that can be compared.

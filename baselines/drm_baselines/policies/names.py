@@ -8,6 +8,7 @@ colour-blind; policies of one family share a colour and differ in line and marke
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,14 @@ from drm_baselines.errors import PolicyError
 
 _DOTS = (0, (1, 1.5))
 _DASH_DOTS = (0, (6, 1, 1, 1, 1, 1))
+
+
+_DASHES: dict[str, tuple[float, ...]] = {"-": (), "--": (7, 3), "-.": (8, 3, 2, 3), ":": (2, 2)}
+
+
+def dash_of(line: Any) -> tuple[float, ...]:
+    """Return a line style of matplotlib as lengths of strokes and gaps, CSS px."""
+    return _DASHES[line] if isinstance(line, str) else tuple(2.6 * part for part in line[1])
 
 
 def _hex(hue: str) -> str:
@@ -61,6 +70,11 @@ class PolicyName:
         return "true" if self.kind == "bound" else "reported"
 
     @property
+    def dash(self) -> tuple[float, ...]:
+        """Lengths of the strokes and gaps of its line, CSS px; nothing: an unbroken line."""
+        return dash_of(self.line)
+
+    @property
     def style(self) -> dict[str, Any]:
         """Colour, line style and marker as matplotlib's keywords."""
         return {"color": self.colour, "linestyle": self.line, "marker": self.marker}
@@ -93,6 +107,9 @@ POLICIES = _all(
 
 ALIASES = {"learned": "dagger"}
 """Other names of policies."""
+
+_SEED = re.compile(r", seed \d+\Z")
+"""What a learned policy's title may be followed by."""
 
 _BY_TITLE = {entry.title: entry for entry in POLICIES.values()}
 
@@ -146,7 +163,8 @@ def styles(labels: Sequence[str]) -> list[dict[str, Any]]:
     Parameters
     ----------
     labels
-        Names or titles of policies. Anything else, such as a training run, gets a style that no
+        Names or titles of policies, also with the seed of a training behind (``"..., seed 0"``;
+        the first of a policy looks like it). Anything else, such as a run, gets a style that no
         policy has: by its label, so that it is the same in every picture, unless another label of
         this picture has that already.
 
@@ -156,10 +174,13 @@ def styles(labels: Sequence[str]) -> list[dict[str, Any]]:
         Keywords of matplotlib: ``color``, ``linestyle``, ``marker``.
     """
     found = []
+    met = {label for label in labels if label in POLICIES}
+    met |= {_BY_TITLE[label].name for label in labels if label in _BY_TITLE}
     free = list(range(len(_OTHERS)))
     for label in labels:
-        entry = POLICIES.get(label) or _BY_TITLE.get(label)
-        if entry is not None:
+        entry = POLICIES.get(label) or _BY_TITLE.get(_SEED.sub("", label))
+        if entry is not None and (label in POLICIES or label in _BY_TITLE or entry.name not in met):
+            met.add(entry.name)
             found.append(entry.style)
             continue
         place = zlib.crc32(label.encode()) % len(_OTHERS)

@@ -13,11 +13,13 @@ from drm_baselines.support.extras import needing
 from drm_baselines.support.figures import (
     LINES,
     SEQUENCE,
+    axes_for,
     save_figure,
-    single,
 )
 
 with needing("a picture", "plot"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 
@@ -28,13 +30,23 @@ def _errors(values: Sequence[Spread]) -> list[list[float]]:
     ]
 
 
-def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Path | None:
-    """Draw the ratios of a section with their spread; ``None`` if it has none."""
+def plot_ratios(
+    section: Section,
+    path: Path | None = None,
+    *,
+    ax: Axes | None = None,
+    overwrite: bool = False,
+) -> Figure | None:
+    """Draw the ratios of a section with their spread; ``None`` if it has none.
+
+    The figure is written to ``path``, if there is one; ``ax`` are axes to draw in.
+    """
     rows = [row for row in section.rows if row.ratio is not None]
     ratios = [row.ratio for row in section.rows if row.ratio is not None]
     if not rows:
         return None
-    figure, axis = single(size=(10.0, 1.6 + 0.5 * len(rows)))
+    figure, grid = axes_for(ax, size=(10.0, 1.6 + 0.5 * len(rows)))
+    axis = grid[0, 0]
     places = np.arange(len(rows))[::-1]
     medians = [ratio.median for ratio in ratios]
     axis.errorbar(medians, places, xerr=_errors(ratios), fmt="o", capsize=4, color=SEQUENCE[0])
@@ -47,15 +59,23 @@ def plot_ratios(section: Section, path: Path, *, overwrite: bool = False) -> Pat
         axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_ylim(-0.6, len(rows) - 0.4)
-    axis.set_xlabel("ratio (median; smallest and largest)")
+    axis.set_xlabel("ratio to what stands below each name (median; smallest and largest)")
     axis.grid(alpha=0.3, axis="x")
     axis.set_title(section.title)
-    return save_figure(figure, path, overwrite=overwrite)
+    if path is not None:
+        save_figure(figure, path, overwrite=overwrite)
+    return figure
 
 
-def plot_curve(curve: Curve, path: Path, *, overwrite: bool = False) -> Path:
-    """Draw values over a size, both logarithmic, with their spread."""
-    figure, axis = single(size=(8.0, 5.0))
+def plot_curve(
+    curve: Curve, path: Path | None = None, *, ax: Axes | None = None, overwrite: bool = False
+) -> Figure:
+    """Draw values over a size, both logarithmic, with their spread.
+
+    The figure is written to ``path``, if there is one; ``ax`` are axes to draw in.
+    """
+    figure, grid = axes_for(ax, size=(8.0, 5.0))
+    axis = grid[0, 0]
     for index, (label, (sizes, values)) in enumerate(curve.lines.items()):
         axis.errorbar(
             list(sizes),
@@ -76,7 +96,9 @@ def plot_curve(curve: Curve, path: Path, *, overwrite: bool = False) -> Path:
     axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize="small")
     axis.set_title(curve.title)
-    return save_figure(figure, path, overwrite=overwrite)
+    if path is not None:
+        save_figure(figure, path, overwrite=overwrite)
+    return figure
 
 
 def plot_all(
@@ -85,11 +107,11 @@ def plot_all(
     """Draw everything; return the files."""
     files = []
     for section in sections:
-        ratios = plot_ratios(section, directory / f"{section.name}-ratios.png", overwrite=overwrite)
-        if ratios is not None:
-            files.append(ratios)
-        files.extend(
-            plot_curve(curve, directory / f"{curve.name}.png", overwrite=overwrite)
-            for curve in section.curves
-        )
+        path = directory / f"{section.name}-ratios.png"
+        if plot_ratios(section, path, overwrite=overwrite) is not None:
+            files.append(path)
+        for curve in section.curves:
+            path = directory / f"{curve.name}.png"
+            plot_curve(curve, path, overwrite=overwrite)
+            files.append(path)
     return files

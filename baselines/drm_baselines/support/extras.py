@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from drm_baselines.errors import MissingPackageError
 
 _CLI = ("filelock", "platformdirs", "rich", "typer")
-_EVALUATE = (*_CLI, "matplotlib", "scipy")
+_EVALUATE = (*_CLI, "jinja2", "matplotlib", "scipy")
 _PLAN = ("clarabel", "scipy")
 
 EXTRAS: dict[str, tuple[str, ...]] = {
@@ -24,7 +24,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "evaluate": _EVALUATE,
     "plan": _PLAN,
     "render": (*_CLI, "imageio", "imageio_ffmpeg"),
-    "report": (*_EVALUATE, "clarabel", "jinja2", "pyarrow"),
+    "report": (*_EVALUATE, "clarabel", "pyarrow"),
     "learn": (*_EVALUATE, "clarabel", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
     "tune": (*_EVALUATE, "clarabel", "optuna"),
     "bench": (*_CLI, "matplotlib", "numba", "psutil"),

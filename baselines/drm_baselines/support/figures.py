@@ -6,6 +6,7 @@ this package nor drawing with it touches the backend that a notebook or a script
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,11 +57,52 @@ def subplots(
     return figure, np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
 
 
-def single(*, size: tuple[float, float]) -> tuple[Figure, Axes]:
-    """Return an empty figure of ``size`` inches with one pair of axes."""
-    figure, axes = subplots(size=size)
-    axis: Axes = axes[0, 0]
-    return figure, axis
+def axes_for(
+    ax: Axes | Sequence[Axes] | None,
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    size: tuple[float, float],
+    **options: Any,
+) -> tuple[Figure, NDArray[Any]]:
+    """Return the axes that somebody gave, with their figure, or an empty figure and its axes.
+
+    Parameters
+    ----------
+    ax
+        Where to draw: one pair of axes, or rows * columns of them in the order of reading; a new
+        figure by default.
+    rows, columns, size, **options
+        As for :func:`subplots`; of axes that are given only their number counts.
+
+    Returns
+    -------
+    figure, axes
+        Axes as an array of shape (rows, columns).
+
+    Raises
+    ------
+    ValueError
+        Another number of axes.
+    """
+    if ax is None:
+        return subplots(rows, columns, size=size, **options)
+    given = np.empty(rows * columns, dtype=object)
+    found = [ax] if isinstance(ax, Axes) else list(np.ravel(np.asarray(ax, dtype=object)))
+    if len(found) != given.size:
+        raise ValueError(f"ax must be {given.size} axes, got {len(found)}")
+    given[:] = found
+    figure = found[0].get_figure(root=True)
+    assert figure is not None, "axes belong to a figure"
+    return figure, given.reshape(rows, columns)
+
+
+def titled(figure: Figure, axes: NDArray[Any], title: str, *, own: bool) -> None:
+    """Put a title above a figure of our own, or above the first of axes that somebody gave."""
+    if own:
+        figure.suptitle(title)
+    else:
+        axes.flat[0].set_title(title)
 
 
 def plain_log(axis: Axis) -> None:

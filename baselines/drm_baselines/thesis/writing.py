@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import csv
-import html
 import io
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from string import Template
 
 from matplotlib.figure import Figure
 
+# matplotlib cannot be installed without it
+from PIL import Image
+
 from drm_baselines.errors import ExistingResultError
+from drm_baselines.pages import blocks, writer
 from drm_baselines.support import storage, workplace
 from drm_baselines.thesis.results import Entry, Grid, Outcome, Row, Verdict
 
@@ -27,36 +28,6 @@ COLUMNS = (
     "difference_percent", "verdict", "reason",
 )  # fmt: skip
 """Columns of the CSV table."""
-
-_PAGE = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>$title</title>
-<style>
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem; padding: 0 1rem;
-       color: #222; background: #fff; }
-h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
-h3 { margin: 2rem 0 .2rem; }
-p.where { color: #666; margin: 0 0 .5rem; }
-table { border-collapse: collapse; font-size: 13px; margin: .5rem 0; width: 100%; }
-th, td { border: 1px solid #ddd; padding: .15rem .45rem; text-align: left; vertical-align: top; }
-td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-img { max-width: 100%; height: auto; }
-.reproduced { background: #e3f4e8; } .inferred { background: #fdf3d8; }
-.not-reproduced { background: #fbe0dc; } .no-published-value { background: #f2f2f2; }
-nav a { margin-right: .8rem; white-space: nowrap; }
-</style>
-</head>
-<body>
-<h1>$title</h1>
-<p>$summary</p>
-<nav>$contents</nav>
-$sections
-</body>
-</html>
-""")
 
 
 def shown(value: float | str | None, digits: int = 6) -> str:
@@ -117,72 +88,146 @@ def summary(results: Results) -> str:
     return f"{sum(found.values())} quantities: {', '.join(parts)}."
 
 
-def _html_grid(grid: Grid) -> str:
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in grid.columns)
+_TONES = {
+    Verdict.REPRODUCED: "good",
+    Verdict.INFERRED: "middling",
+    Verdict.NOT_REPRODUCED: "bad",
+    Verdict.UNPUBLISHED: "plain",
+}
+
+_KINDS = (
+    ("table", "Tables"),
+    ("figure", "Figures"),
+    ("claim", "Claims of the text"),
+    ("erratum", "Errata"),
+    ("consistent", "The consistent plant"),
+)
+
+
+def _tag(verdict: Verdict) -> str:
+    return verdict.value.replace(" ", "-")
+
+
+def _grid_table(grid: Grid) -> blocks.Table:
+    return blocks.Table(headings=[blocks.Cell(text=name) for name in grid.columns], rows=grid.lines)
+
+
+def _rows_table(rows: Sequence[Row]) -> blocks.Table:
+    """Quantities; a reason stands below its quantity, for most have none."""
     lines = [
-        "".join(f'<td class="n">{html.escape(text)}</td>' for text in line) for line in grid.lines
-    ]
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _html_rows(rows: Sequence[Row]) -> str:
-    if not rows:
-        return ""
-    lines = []
-    for row in rows:
-        cells = [
-            f"<td>{html.escape(row.quantity)}</td>",
-            f"<td>{html.escape(row.unit)}</td>",
-            *(
-                f'<td class="n">{html.escape(text)}</td>'
-                for text in (shown(row.published), shown(row.ours), percent(row))
-            ),
-            f'<td class="{row.verdict.value.replace(" ", "-")}">{row.verdict.value}</td>',
-            f"<td>{html.escape(row.reason)}</td>",
+        [
+            blocks.Cell(text=row.quantity, detail=row.reason),
+            row.unit,
+            shown(row.published),
+            shown(row.ours),
+            percent(row),
+            blocks.Cell(text=row.verdict.value, tone=_TONES[row.verdict]),
         ]
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    heads = ("quantity", "unit", "published", "ours", "difference", "verdict", "reason")
-    head = "".join(f"<th>{name}</th>" for name in heads)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+        for row in rows
+    ]
+    heads = ("quantity", "unit", "published", "ours", "difference", "verdict")
+    return blocks.Table(
+        headings=[blocks.Cell(text=name) for name in heads],
+        rows=lines,
+        left=2,
+        tags=[_tag(row.verdict) for row in rows],
+    )
+
+
+def _section(entry: Entry, outcome: Outcome, heading: str, data: bytes | None) -> blocks.Section:
+    parts: list[blocks.Block] = []
+    if outcome.note:
+        parts.append(blocks.Text(lines=[outcome.note]))
+    if data is not None:
+        parts.append(blocks.Picture(data=smaller(data), title=entry.title))
+    if outcome.grid is not None:
+        parts.append(_grid_table(outcome.grid))
+    elif outcome.rows:
+        parts.append(_rows_table(outcome.rows))
+    found = {row.verdict for row in outcome.rows}
+    worst = (
+        Verdict.NOT_REPRODUCED,
+        Verdict.INFERRED,
+        Verdict.REPRODUCED,
+        Verdict.UNPUBLISHED,
+    )
+    return blocks.Section(
+        name=entry.name,
+        title=f"{entry.name}: {entry.title}",
+        subtitle=_place(entry),
+        brief=entry.title,
+        group=heading,
+        blocks=parts,
+        tags=sorted(_tag(verdict) for verdict in found),
+        tone=next((_TONES[verdict] for verdict in worst if verdict in found), "plain"),
+    )
+
+
+def smaller(data: bytes) -> bytes:
+    """Return a picture (PNG) without loss as WebP, which takes about half."""
+    stream = io.BytesIO()
+    with Image.open(io.BytesIO(data)) as opened:
+        opened.convert("RGB").save(stream, format="WEBP", lossless=True, method=4)
+    return stream.getvalue()
+
+
+def _overview(results: Results) -> blocks.Section:
+    """How many quantities of each kind have which verdict."""
+    rows = []
+    for kind, heading in _KINDS:
+        found = Counter(
+            row.verdict for entry, outcome in results if entry.kind == kind for row in outcome.rows
+        )
+        if found:
+            cells = (str(found[verdict]) if found[verdict] else "" for verdict in Verdict)
+            rows.append([heading, str(sum(found.values())), *cells])
+    return blocks.Section(
+        name="overview",
+        title="Overview",
+        blocks=[
+            blocks.Text(lines=[summary(results)]),
+            blocks.Table(
+                headings=[
+                    blocks.Cell(text=""),
+                    blocks.Cell(text="quantities"),
+                    *(blocks.Cell(text=verdict.value, tone=_TONES[verdict]) for verdict in Verdict),
+                ],
+                rows=rows,
+                note="Choose a verdict in the contents to see the quantities that have it.",
+            ),
+        ],
+    )
 
 
 def page_text(results: Results, pictures: dict[str, bytes]) -> str:
     """Return one page with all rows and pictures, which needs no other file."""
-    sections, contents = [], []
-    kinds = (
-        ("table", "Tables"),
-        ("figure", "Figures"),
-        ("claim", "Claims of the text"),
-        ("erratum", "Errata"),
-        ("consistent", "The consistent plant"),
+    found = Counter(
+        row.verdict for _, outcome in results if outcome.grid is None for row in outcome.rows
     )
-    for kind, heading in kinds:
-        chosen = [(entry, outcome) for entry, outcome in results if entry.kind == kind]
-        if not chosen:
-            continue
-        sections.append(f"<h2>{heading}</h2>")
-        for entry, outcome in chosen:
-            contents.append(f'<a href="#{entry.name}">{entry.name}</a>')
-            sections.append(
-                f'<h3 id="{entry.name}">{entry.name}: {html.escape(entry.title)}</h3>'
-                f'<p class="where">{html.escape(_place(entry))}</p>'
-            )
-            if outcome.note:
-                sections.append(f"<p>{html.escape(outcome.note)}</p>")
-            if entry.name in pictures:
-                data = base64.b64encode(pictures[entry.name]).decode("ascii")
-                alt = html.escape(entry.title, quote=True)
-                sections.append(f'<img alt="{alt}" src="data:image/png;base64,{data}">')
-            if outcome.grid is not None:
-                sections.append(_html_grid(outcome.grid))
-            else:
-                sections.append(_html_rows(outcome.rows))
-    return _PAGE.substitute(
-        title="The thesis, computed again",
-        summary=html.escape(summary(results)),
-        contents=" ".join(contents),
-        sections="\n".join(sections),
+    return writer.page_text(
+        blocks.Page(
+            title="The thesis, computed again",
+            subtitle="Every table, figure and claim beside what this project computes.",
+            choices=[
+                blocks.Choice(
+                    tag=_tag(verdict),
+                    label=verdict.value,
+                    tone=_TONES[verdict],
+                    count=found[verdict],
+                )
+                for verdict in Verdict
+                if found[verdict]
+            ],
+            sections=[
+                _overview(results),
+                *(
+                    _section(entry, outcome, heading, pictures.get(entry.name))
+                    for kind, heading in _KINDS
+                    for entry, outcome in results
+                    if entry.kind == kind
+                ),
+            ],
+        )
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
@@ -584,7 +585,7 @@ def test_every_report_judges_thesis_on_the_episodes_with_the_exact_mass(tmp_path
     written = page.write_page([result], tmp_path / "page.html", {}).read_text(encoding="utf-8")
     text = html.unescape(written)
     for target in targets.targets(result):
-        assert f">{target.verdict}</span> {target.text}" in text
+        assert re.search(rf">{target.verdict}</span> {re.escape(target.text)}<", text)
         assert f": `thesis`: {target.text}" in documents.targets_text([result])
 
 
@@ -610,13 +611,11 @@ def test_figures_are_drawn_even_of_diverged_and_missing_policies(tmp_path: Path)
     other = suite(level("p", "law", 8.0), name="heavy")
     bands = {"law": estimate_of(result.records[1], "tip_error_rms")}
     curves = {"PPO": [curve([0.1, 0.01, 0.005]), curve([math.inf, 0.02])]}
-    files = [
-        plots.plot_suite(result, tmp_path / "suite.png"),
-        plots.plot_profiles(result, tmp_path / "profiles.png"),
-        plots.plot_degradation([result, other], tmp_path / "degradation.png"),
-        plots.plot_curves(curves, bands, tmp_path / "curves.png"),
-    ]
-    assert [file.read_bytes()[:8] for file in files] == [PNG] * 4
+    plots.plot_suite(result, tmp_path / "suite.png")
+    plots.plot_profiles(result, tmp_path / "profiles.png")
+    plots.plot_degradation([result, other], tmp_path / "degradation.png")
+    plots.plot_curves(curves, bands, tmp_path / "curves.png")
+    assert [file.read_bytes()[:8] for file in tmp_path.iterdir()] == [PNG] * 4
     with pytest.raises(ExistingResultError):
         plots.plot_suite(result, tmp_path / "suite.png")
 
@@ -676,10 +675,11 @@ def test_page_is_well_formed_escaped_and_needs_no_other_file(tmp_path: Path) -> 
     assert reader.open == []
     assert not {"b", "i"} & set(reader.tags)
     assert "<b>PPO</b> & co" in reader.text and "a <i>figure</i>" in reader.text
-    assert reader.sources == ["data:image/png;base64,iVBORw0KGgo="]
+    outside = [source for source in reader.sources if not source.startswith("#")]
+    assert outside == ["data:image/png;base64,iVBORw0KGgo="]
     # two suites and what happens from one to the other
     assert reader.tags.count("table") == 3
-    assert "1.00 [1.00, 1.00]" in reader.text
+    assert "1.001.00 to 1.00" in reader.text
     assert "cannot be told apart" in reader.text and "missed" in reader.text
 
 

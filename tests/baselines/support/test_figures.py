@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+import drm_env
 from drm_baselines.benchmark import competitors as competing
 from drm_baselines.benchmark.records import Record, SuiteResult
 from drm_baselines.benchmark.report import plots as benchmark_plots
@@ -66,11 +67,53 @@ def test_drawing_leaves_backend_settings_and_open_figures_alone(tmp_path: Path) 
     flight = dict.fromkeys(
         (
             "time", "slew_angle", "reference_angle", "tip_deflection", "root_torque", "tip_torque",
+            "extension",
         ),
         time,
     )  # fmt: skip
     plots.plot_manoeuvres({"linear": flight}, tmp_path / "a.png", title="")
     assert (mpl.get_backend(), dict(mpl.rcParams), plt.get_fignums()) == (before, settings, [])
+
+
+def test_pictures_are_drawn_into_axes_that_somebody_gave() -> None:
+    figure = Figure()
+    five = figure.subplots(5, 1)
+    flight = drm_env.simulate({"horizon": 2.0}, decimation=10)
+    assert plots.plot_manoeuvres({"none": flight}, title="all", ax=five) is figure
+    labels = [axis.get_ylabel() for axis in five]
+    assert labels == [
+        "slew angle (deg)", "tip error r e + y (mm)", "tip deflection y (mm)",
+        "root wheel torque (N m)", "tip wheel torque (N m)",
+    ]  # fmt: skip
+    assert five[0].get_title() == "all"
+    with pytest.raises(ValueError, match="ax must be 5 axes, got 1"):
+        plots.plot_manoeuvres({"none": flight}, title="", ax=[five[0]])
+    single = Figure().subplots()
+    flights = [episodes("linear law", 1.0)]
+    assert plots.plot_distribution(flights, title="", ax=single) is single.get_figure()
+    result = SuiteResult(suite="robust", title="", records=[record("linear", "law", [[1.0] * 4])])
+    for draw in (benchmark_plots.plot_suite, benchmark_plots.plot_profiles):
+        assert draw(result, ax=single) is single.get_figure()
+    # nothing is written without a path
+    assert isinstance(plots.plot_comparison(flights, title=""), Figure)
+
+
+def test_what_cannot_be_told_apart_is_drawn_as_a_band_between_its_peaks() -> None:
+    """One oscillation in 200 of its periods, another in 4."""
+    time = np.linspace(0.0, 20.0, 10_001)
+    figure = Figure()
+    fast, slow = figure.subplots(2, 1)
+    style = {"color": "#000000", "linestyle": "-"}
+    plots._draw_signal(fast, time, np.sin(2.0 * np.pi * 10.0 * time), style)
+    plots._draw_signal(slow, time, np.sin(2.0 * np.pi * 0.2 * time), style)
+    (band,) = fast.collections
+    heights = np.asarray(band.get_paths()[0].vertices)[:, 1]
+    assert heights.max() == pytest.approx(1.0, abs=0.01)
+    assert heights.min() == pytest.approx(-1.0, abs=0.01)
+    curve = fast.lines[-1]
+    assert np.isfinite(np.asarray(curve.get_ydata())).mean() < 0.05
+    assert all(not collection.get_paths() for collection in slow.collections)
+    assert np.isfinite(np.asarray(slow.lines[-1].get_ydata())).all()
 
 
 # --- one look a policy ----------------------------------------------------------------------------
@@ -129,6 +172,7 @@ def test_a_policy_has_one_colour_and_line_in_every_picture(drawn: list[Figure]) 
     time = np.linspace(0.0, 1.0, 5)
     signals = (
         "time", "slew_angle", "reference_angle", "tip_deflection", "root_torque", "tip_torque",
+        "extension",
     )  # fmt: skip
     flight = dict.fromkeys(signals, time)
     nowhere = Path("nowhere.png")
@@ -173,6 +217,15 @@ def test_runs_of_ones_own_look_like_no_policy_and_like_no_other_run() -> None:
     assert pairs[0] == pairs[4]
     named = {(entry.colour, str(entry.line)) for entry in POLICIES.values()}
     assert len(set(pairs[1:4])) == 3 and not named & set(pairs[1:4])
+
+
+def test_a_learned_policy_has_its_look_with_its_seed_behind_too() -> None:
+    """As `drm compare` calls it."""
+    title = POLICIES["dagger"].title
+    first, second = styles([f"{title}, seed 0", f"{title}, seed 1"])
+    assert first == POLICIES["dagger"].style
+    assert second != first
+    assert styles(["dagger", f"{title}, seed 0"])[1] != POLICIES["dagger"].style
 
 
 def test_a_run_looks_the_same_beside_whatever_is_drawn() -> None:

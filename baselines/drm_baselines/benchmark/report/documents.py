@@ -95,27 +95,27 @@ def bands_of(result: SuiteResult) -> dict[str, Estimate]:
     }
 
 
+LINKED = ("from suite to suite", "learning curves")
+"""Captions of the figures that the page shows; it draws the others itself."""
+
+
 def draw(results: Sequence[SuiteResult], directory: Path, learned: Path) -> dict[str, Path]:
     """Draw all figures into a directory, replacing older ones; return caption and file."""
     figures: dict[str, Path] = {}
     for result in results:
         name = result.suite
-        figures[f"tip error in {name}"] = plots.plot_suite(
-            result, directory / f"{name}.png", overwrite=True
-        )
-        figures[f"performance profiles in {name}"] = plots.plot_profiles(
-            result, directory / f"{name}_profiles.png", overwrite=True
-        )
+        path = figures[f"tip error in {name}"] = directory / f"{name}.png"
+        plots.plot_suite(result, path, overwrite=True)
+        path = figures[f"performance profiles in {name}"] = directory / f"{name}_profiles.png"
+        plots.plot_profiles(result, path, overwrite=True)
     if len(results) > 1:
-        figures["from suite to suite"] = plots.plot_degradation(
-            results, directory / "degradation.png", overwrite=True
-        )
+        path = figures["from suite to suite"] = directory / "degradation.png"
+        plots.plot_degradation(results, path, overwrite=True)
     robust = [result for result in results if result.suite == "robust"]
     curves = curves_of(learned)
     if robust and curves:
-        figures["learning curves"] = plots.plot_curves(
-            curves, bands_of(robust[0]), directory / "learning_curves.png", overwrite=True
-        )
+        path = figures["learning curves"] = directory / "learning_curves.png"
+        plots.plot_curves(curves, bands_of(robust[0]), path, overwrite=True)
     return figures
 
 

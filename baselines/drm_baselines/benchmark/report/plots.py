@@ -27,12 +27,12 @@ from drm_baselines.benchmark.report.tables import degradation_of, label_of, poli
 from drm_baselines.evaluation.metrics import describe
 from drm_baselines.evaluation.statistics import interquartile_mean
 from drm_baselines.policies.names import POLICIES, styles
-from drm_baselines.support.figures import (
-    plain_log,
-    save_figure,
-    single,
-    subplots,
-)
+from drm_baselines.support.extras import needing
+from drm_baselines.support.figures import axes_for, plain_log, save_figure, titled
+
+with needing("a picture", "plot"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # --- figures --------------------------------------------------------------------------------------
 
@@ -43,6 +43,14 @@ def axis_label(name: str = JUDGE) -> str:
     return f"{metric.label} ({metric.unit})"
 
 
+def _legend(figure: Figure, axis: Axes, *, own: bool) -> None:
+    """Beside the axes in a figure of our own, within axes that somebody gave."""
+    if own:
+        figure.legend(loc="outside right upper", fontsize="small")
+    else:
+        axis.legend(fontsize="small")
+
+
 def _judged_records(result: SuiteResult) -> list[Record]:
     return [record for record in ordered(result) if JUDGE in record.metrics]
 
@@ -51,17 +59,24 @@ def _episodes(record: Record, flown: int) -> str:
     return f"{len(record.episodes):,} of {flown:,} episodes"
 
 
-def plot_suite(result: SuiteResult, path: Path, *, overwrite: bool = False) -> Path:
+def plot_suite(
+    result: SuiteResult,
+    path: Path | None = None,
+    *,
+    ax: Axes | None = None,
+    overwrite: bool = False,
+) -> Figure:
     """Draw the tip error RMS of every policy with its 95 % interval, the bound as a line.
 
     The axis is logarithmic. A policy that flew fewer episodes than others is drawn hollow, with
-    their number; a vertical stroke in its row is the bound on these same episodes. Returns
-    ``path``.
+    their number; a vertical stroke in its row is the bound on these same episodes. The figure is
+    written to ``path``, if there is one; ``ax`` are axes to draw in.
     """
     scale = describe(JUDGE).scale
     records, bound, flown = _judged_records(result), bound_of(result), episodes_flown(result)
     drawn = styles([record.policy for record in records])
-    fig, axis = single(size=(9.0, 1.6 + 0.42 * len(records)))
+    fig, grid = axes_for(ax, size=(9.0, 1.6 + 0.42 * len(records)))
+    axis = grid[0, 0]
     axis.set_xscale("log")
     names = []
     for place, record, style in zip(range(len(records)), records, drawn, strict=True):
@@ -99,17 +114,27 @@ def plot_suite(result: SuiteResult, path: Path, *, overwrite: bool = False) -> P
     axis.grid(alpha=0.3, which="both", axis="x")
     axis.set_title(label_of(result), fontsize="medium")
     plain_log(axis.xaxis)
-    return save_figure(fig, path, overwrite=overwrite)
+    if path is not None:
+        save_figure(fig, path, overwrite=overwrite)
+    return fig
 
 
-def plot_profiles(result: SuiteResult, path: Path, *, overwrite: bool = False) -> Path:
+def plot_profiles(
+    result: SuiteResult,
+    path: Path | None = None,
+    *,
+    ax: Axes | None = None,
+    overwrite: bool = False,
+) -> Figure:
     """Draw which fraction of all runs (seeds x episodes) stays below a tip error RMS.
 
-    The axis of the error is logarithmic. Returns ``path``.
+    The axis of the error is logarithmic. The figure is written to ``path``, if there is one; ``ax``
+    are axes to draw in.
     """
     scale = describe(JUDGE).scale
     records, flown = _judged_records(result), episodes_flown(result)
-    fig, axis = single(size=(10.0, 5.4))
+    fig, grid = axes_for(ax, size=(10.0, 5.4))
+    axis = grid[0, 0]
     axis.set_xscale("log")
     drawn = styles([record.policy for record in records])
     for record, style in zip(records, drawn, strict=True):
@@ -132,21 +157,29 @@ def plot_profiles(result: SuiteResult, path: Path, *, overwrite: bool = False) -
     axis.grid(alpha=0.3, which="both")
     axis.set_title(label_of(result), fontsize="medium")
     plain_log(axis.xaxis)
-    fig.legend(loc="outside right upper", fontsize="small")
-    return save_figure(fig, path, overwrite=overwrite)
+    _legend(fig, axis, own=ax is None)
+    if path is not None:
+        save_figure(fig, path, overwrite=overwrite)
+    return fig
 
 
 def plot_degradation(
-    results: Sequence[SuiteResult], path: Path, *, overwrite: bool = False
-) -> Path:
+    results: Sequence[SuiteResult],
+    path: Path | None = None,
+    *,
+    ax: Axes | None = None,
+    overwrite: bool = False,
+) -> Figure:
     """Draw the tip error RMS of every policy in every suite with its 95 % intervals.
 
     The suites have no order, so that no lines join them. The axis of the error is logarithmic; a
-    hollow point is on fewer episodes than those of others. Returns ``path``.
+    hollow point is on fewer episodes than those of others. The figure is written to ``path``, if
+    there is one; ``ax`` are axes to draw in.
     """
     scale = describe(JUDGE).scale
     policies = policies_in(results)
-    fig, axis = single(size=(11.0, 5.4))
+    fig, grid = axes_for(ax, size=(11.0, 5.4))
+    axis = grid[0, 0]
     axis.set_yscale("log")
     flights = [{record.policy: record for record in result.records} for result in results]
     flown = [episodes_flown(result) for result in results]
@@ -191,8 +224,10 @@ def plot_degradation(
     axis.set_ylabel(f"{axis_label()}: interquartile mean")
     axis.grid(alpha=0.3, which="both", axis="y")
     plain_log(axis.yaxis)
-    fig.legend(loc="outside right upper", fontsize="small")
-    return save_figure(fig, path, overwrite=overwrite)
+    _legend(fig, axis, own=ax is None)
+    if path is not None:
+        save_figure(fig, path, overwrite=overwrite)
+    return fig
 
 
 def _between_seeds(
@@ -214,12 +249,13 @@ def _between_seeds(
 def plot_curves(
     curves: Mapping[str, Sequence[ArrayLike]],
     bands: Mapping[str, Estimate],
-    path: Path,
+    path: Path | None = None,
     *,
     metric: str = JUDGE,
     title: str = "learning curves",
+    ax: Sequence[Axes] | None = None,
     overwrite: bool = False,
-) -> Path:
+) -> Figure:
     """Draw a metric over simulated steps and over wall time, laws as horizontal bands.
 
     All axes are logarithmic: the methods need from seconds to half an hour. What was evaluated
@@ -234,14 +270,16 @@ def plot_curves(
     bands
         Estimates of laws over the same episodes, by title, SI.
     path
-        PNG to write; returned.
+        File to write, if any.
     metric, title, overwrite
         What the values are, what is above the figure, whether a file may be replaced.
+    ax
+        Two axes to draw in, steps and time; a new figure by default.
 
     Raises
     ------
     ValueError
-        An array of another shape, or without rows.
+        An array of another shape, or without rows; another number of axes.
     """
     display = describe(metric)
     drawn: dict[str, list[NDArray[np.float64]]] = {
@@ -251,7 +289,7 @@ def plot_curves(
         for run in runs:
             if run.ndim != 2 or run.shape[1] != 3 or run.shape[0] == 0:
                 raise ValueError(f"a curve of {name!r} has shape {run.shape} instead of (k, 3)")
-    fig, grid = subplots(1, 2, size=(12.0, 5.0), sharey=True)
+    fig, grid = axes_for(ax, 1, 2, size=(12.0, 5.0), sharey=True)
     axes = list(grid[0])
     looks = dict(zip([*drawn, *bands], styles([*drawn, *bands]), strict=True))
     sides = ((0, 1e-6, "simulated steps (millions)"), (1, 1.0 / 60.0, "wall time (min)"))
@@ -296,6 +334,11 @@ def plot_curves(
         plain_log(axis.yaxis)
     axes[0].set_ylabel(axis_label(metric))
     handles, labels = axes[0].get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside right upper", fontsize="small")
-    fig.suptitle(title)
-    return save_figure(fig, path, overwrite=overwrite)
+    if ax is None:
+        fig.legend(handles, labels, loc="outside right upper", fontsize="small")
+    else:
+        axes[0].legend(handles, labels, fontsize="small")
+    titled(fig, grid, title, own=ax is None)
+    if path is not None:
+        save_figure(fig, path, overwrite=overwrite)
+    return fig
