@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,3 +40,33 @@ def env_id(request: pytest.FixtureRequest) -> str:
     """The id of each registered environment in turn."""
     name: str = request.param
     return name
+
+
+_CAPABILITY_VERSION_3 = 0x20080522
+_DAC_OVERRIDE_AND_READ_SEARCH = 1 << 1 | 1 << 2
+
+
+@pytest.fixture
+def as_a_user() -> Iterator[None]:
+    """Permissions of files hold for this thread as they do for everybody, also where it is root's.
+
+    Root passes them by two capabilities of Linux; they are put aside for the time of the test.
+    """
+    if not hasattr(os, "geteuid"):
+        pytest.skip("needs permissions of POSIX")
+    if os.geteuid() != 0:
+        yield
+        return
+    libc = ctypes.CDLL(None, use_errno=True)
+    header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
+    # effective, permitted, inheritable; twice, for 64 bits
+    sets = (ctypes.c_uint32 * 6)()
+    if not hasattr(libc, "capget") or libc.capget(header, sets) != 0:
+        pytest.skip("this system does not let root put its privileges aside")
+    before = sets[0]
+    sets[0] = before & ~_DAC_OVERRIDE_AND_READ_SEARCH
+    if libc.capset(header, sets) != 0:
+        pytest.skip(f"this system keeps root's privileges: {os.strerror(ctypes.get_errno())}")
+    yield
+    sets[0] = before
+    assert libc.capset(header, sets) == 0

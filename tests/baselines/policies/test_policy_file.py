@@ -384,8 +384,7 @@ def test_what_is_no_ordinary_file_is_refused(tmp_path: Path, file: str) -> None:
     load_policy(tmp_path / "link")
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads anything")
-def test_files_without_permission_are_refused(tmp_path: Path) -> None:
+def test_files_without_permission_are_refused(tmp_path: Path, as_a_user: None) -> None:
     save_policy(tmp_path, small_network(), DESCRIPTION)
     (tmp_path / "policy.json").chmod(0)
     refused(tmp_path, "policy.json", "cannot be read")
