@@ -109,6 +109,58 @@ def test_environments_end_whatever_their_limits(mode: AutoresetMode) -> None:
     assert infos["diverged"].all()
 
 
+HEAVY: list[dict[str, Any]] = [
+    {"plant": "consistent", "payload_mass": 30_000.0, "slew_max_accel": 0.04},
+    {"plant": "thesis", "payload_mass": 3000.0, "slew_max_accel": 0.04, "deployment_start": 8.0,
+     "deployment_mode": "none"},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("heavy", HEAVY)
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("where", [[0], [4, 5], [1, 7, 10]], ids=str)
+def test_the_other_environments_of_a_batch_do_not_notice(
+    heavy: dict[str, Any], mode: AutoresetMode, where: list[int]
+) -> None:
+    """Some environments of a batch diverge in mid-flight; those beside them have the bits that they have
+    in a batch where nothing happens."""
+    settings = {**options(), **heavy, "payload_mass": (100.0, 200.0)}
+    batches = [drm_env.DrmVectorEnv(11, autoreset_mode=mode, **settings) for _ in range(2)]
+    mass = {"payload_mass": heavy["payload_mass"]}
+    once = [mass if index in where else {} for index in range(11)]
+    rough, calm = batches[0].reset(seed=3, options=once)[0], batches[1].reset(seed=3)[0]
+    others = [index for index in range(11) if index not in where]
+    rng = np.random.default_rng(0)
+    over, after = np.zeros(11, bool), 0
+    for _ in range(1000):
+        assert rough[others].tobytes() == calm[others].tobytes()
+        assert np.isfinite(rough).all()
+        actions = 0.02 * rng.uniform(-1.0, 1.0, (11, 2)).astype(np.float32)
+        rough, rewards, terminated, truncated, infos = batches[0].step(actions)
+        calm, expected, *_ = batches[1].step(actions)
+        assert rewards[others].tobytes() == expected[others].tobytes()
+        assert not terminated[others].any() and not truncated.any()
+        assert np.isfinite(rewards).all() and (rewards <= 0.0).all()
+        for index in np.flatnonzero(terminated):
+            last = rough[index]
+            if mode == AutoresetMode.SAME_STEP:
+                last = infos["final_obs"][index]
+                assert infos["final_info"]["diverged"][index]
+            else:
+                assert infos["diverged"][index]
+            assert last in batches[0].single_observation_space
+        over |= terminated
+        if mode == AutoresetMode.DISABLED and terminated.any():
+            again = {"reset_mask": terminated}
+            rough = batches[0].reset(options=again)[0]
+        after += int(over[where].all())
+        if after > 20:
+            break
+    assert over[where].all() and not over[others].any()
+    rows = [batches[0].envs[index].get_state() for index in others]
+    assert rows == [batches[1].envs[index].get_state() for index in others]
+
+
 def test_the_command_says_so_and_the_picture_shows_the_flight_up_to_there(tmp_path: Path) -> None:
     path = tmp_path / "heavy.json"
     path.write_text(json.dumps(CONSISTENT))
