@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         workspace,
     )
     from drm_env.law import ControlLaw
+    from drm_env.loads import LOAD_SYMBOLS, LoadEntry, load_signals
     from drm_env.metrics import METRIC_SYMBOLS, MetricEntry, episode_metrics
     from drm_env.model import Model
     from drm_env.network import Network
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
     from drm_env.vector import DrmVectorEnv
 
 __all__ = [
+    "LOAD_SYMBOLS",
     "METRIC_SYMBOLS",
     "NO_VALUE",
     "ActionError",
@@ -95,6 +97,7 @@ __all__ = [
     "EnvironmentClosedError",
     "Film",
     "InfeasibleError",
+    "LoadEntry",
     "LogUniform",
     "MetricEntry",
     "Model",
@@ -124,6 +127,7 @@ __all__ = [
     "episode_metrics",
     "info_metrics",
     "inverse_kinematics",
+    "load_signals",
     "observation_layout",
     "option_names",
     "plan_slew",
@@ -170,6 +174,7 @@ _HOMES = {
         "workspace",
     ],
     "law": ["ControlLaw"],
+    "loads": ["LOAD_SYMBOLS", "LoadEntry", "load_signals"],
     "metrics": ["METRIC_SYMBOLS", "MetricEntry", "episode_metrics"],
     "model": ["Model"],
     "network": ["Network"],

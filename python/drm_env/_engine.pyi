@@ -37,6 +37,7 @@ __all__ = [
     "kernel_benchmark",
     "law_names",
     "load",
+    "load_names",
     "measurement_names",
     "metric_names",
     "option_names_json",
@@ -641,6 +642,11 @@ def load() -> None:
     a signal may come between, and there is nobody there to raise what its handler raises.
     """
 
+def load_names() -> list[str]:
+    """
+    Names of the loads, in the engine's order.
+    """
+
 def measurement_names() -> list[str]:
     """
     Names of what a law is told, as in the observation.
@@ -686,11 +692,16 @@ def rollout(
     progress: Any | None,
     signals: SupportsGetItem[int, str] | None,
     every: SupportsIndex,
-) -> tuple[NDArray[float64], list[tuple[str, NDArray[float64]]]]:
+    loads: bool = False,
+) -> tuple[
+    NDArray[float64],
+    list[tuple[str, NDArray[float64]]],
+    tuple[NDArray[float64], NDArray[float64]] | None,
+]:
     """
     Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
-    under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
-    `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
+    under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
+    `every`-th sample, and with `loads` their peaks and root mean squares, a row a manoeuvre each. `progress(flown, all)` is called now and then; what it raises ends the work
     and is raised here.
     """
 
@@ -710,10 +721,15 @@ def signal_names() -> list[str]:
     """
 
 def simulate(
-    scenario: str | Config, law: str, every: SupportsIndex, seed: bytes
-) -> tuple[list[tuple[str, NDArray[float64]]], list[tuple[str, float]]]:
+    scenario: str | Config, law: str, every: SupportsIndex, seed: bytes, loads: bool = False
+) -> tuple[
+    list[tuple[str, NDArray[float64]]],
+    list[tuple[str, float]],
+    tuple[NDArray[float64], NDArray[float64]] | None,
+]:
     """
-    Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
+    Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, and with `loads`
+    these among the signals and their peaks and root mean squares.
     """
 
 def table_2_7() -> list[tuple[float, float, float]]:

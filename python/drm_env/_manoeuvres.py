@@ -47,3 +47,8 @@ def law_json(law: Any) -> str:
 def check_decimation(decimation: Any) -> None:
     if isinstance(decimation, bool) or not isinstance(decimation, int) or decimation < 1:
         raise ConfigError(f"decimation must be a positive integer, got {decimation!r}")
+
+
+def check_flag(name: str, value: Any) -> None:
+    if not isinstance(value, bool):
+        raise ConfigError(f"{name} must be True or False, got {value!r}")

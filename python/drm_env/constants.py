@@ -16,6 +16,7 @@ __all__ = [
     "LAW_NAMES",
     "LAW_PERIOD",
     "LINK_END_DEFLECTION",
+    "LOAD_NAMES",
     "PALETTE",
     "PAYLOAD_INERTIAS",
     "SCHEDULED_EXTENSION_SCALE",
@@ -41,6 +42,9 @@ LAW_PERIOD: float = _engine.LAW_PERIOD
 LINK_END_DEFLECTION: float = _engine.LINK_END_DEFLECTION
 """Deflection of a link's end, m, per unit of its coordinate alpha or beta in the thesis' plant: the
 assumed shape 3 u^2 - u^3 at u = 1."""
+
+LOAD_NAMES: tuple[str, ...] = tuple(_engine.load_names())
+"""The loads of a manoeuvre, in order, which `rollout` can keep too; see `drm_env.load_signals`."""
 
 PALETTE: dict[str, str] = {
     name: "#{:02X}{:02X}{:02X}".format(*rgb) for name, rgb in _engine.palette()

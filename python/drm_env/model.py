@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine
+from drm_env._exports import needed
 from drm_env.configuration import to_data
 from drm_env.errors import ConfigError
 
@@ -92,6 +93,30 @@ class Linearization(NamedTuple):
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+
+    @property
+    def system(self) -> tuple[NDArray[np.float64], ...]:
+        """A, B, C and D = 0, as other packages take them.
+
+        ``control.ss(*lin.system)``, ``scipy.signal.StateSpace(*lin.system)``.
+        """
+        return self.A, self.B, self.C, np.zeros((len(self.C), self.B.shape[1]))
+
+    def to_statespace(self) -> Any:
+        """A `control.StateSpace` of python-control, with the names of states, inputs and outputs.
+
+        Raises
+        ------
+        ImportError
+            there is no python-control.
+        """
+        control = needed("control", "control", "to_statespace()")
+        names = {
+            "states": list(self.states),
+            "inputs": list(self.inputs),
+            "outputs": list(self.outputs),
+        }
+        return control.StateSpace(*self.system, **names, remove_useless_states=False)
 
 
 class ModeShapes(NamedTuple):

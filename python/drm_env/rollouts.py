@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine, _html
-from drm_env._manoeuvres import check_decimation, engine_scenario, law_json
+from drm_env._exports import frame, write_mat
+from drm_env._manoeuvres import check_decimation, check_flag, engine_scenario, law_json
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
     ConfigLike,
@@ -18,6 +20,7 @@ from drm_env.configuration import (
     resolve_options,
 )
 from drm_env.errors import ConfigError
+from drm_env.loads import metric_items
 from drm_env.network import Network
 from drm_env.resolved import ResolvedConfig
 from drm_env.simulation import LawLike, Trajectory
@@ -34,8 +37,8 @@ __all__ = ["Rollout", "rollout"]
 class Rollout(dict[str, NDArray[np.float64]]):
     """Metrics of many manoeuvres by name, each of shape (n,), in the order of the scenarios.
 
-    It is a dictionary, so that ``pandas.DataFrame(rollout)`` has a column for each metric and a row
-    for each manoeuvre; ``pandas.DataFrame(rollout.trajectory(i))`` holds the signals of one.
+    It is a dictionary. `to_frame` makes it a frame of pandas, `to_mat` a file for MATLAB, and so do
+    those of ``rollout.trajectory(i)``, the signals of one manoeuvre.
 
     Attributes
     ----------
@@ -80,6 +83,34 @@ class Rollout(dict[str, NDArray[np.float64]]):
         samples = max((int(np.flatnonzero(row)[-1]) + 1 for row in flown if row.any()), default=0)
         metrics = {name: float(values[index]) for name, values in self.items()}
         return Trajectory({name: row[:samples] for name, row in rows.items()}, metrics)
+
+    def to_frame(self) -> Any:
+        """A `pandas.DataFrame` with a column for each metric and a row for each manoeuvre.
+
+        The signals of one manoeuvre are ``rollout.trajectory(i).to_frame()``.
+
+        Raises
+        ------
+        ImportError
+            there is no pandas.
+        """
+        return frame(self, "manoeuvre")
+
+    def to_mat(self, path: str | PathLike[str]) -> None:
+        """Writes a MATLAB file: a column of each metric, and kept signals in ``trajectories``.
+
+        ``trajectories`` is a structure with a matrix for each signal, a row a manoeuvre; it is there
+        if signals were kept.
+
+        Raises
+        ------
+        ImportError
+            there is no SciPy.
+        OSError
+            the file cannot be written.
+        """
+        kept = {"trajectories": self.trajectories} if self.trajectories else {}
+        write_mat(path, {**self, **kept})
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles hold metrics and trajectories."""
@@ -168,6 +199,7 @@ def rollout(
     progress: Callable[[int, int], object] | None = None,
     signals: Sequence[str] | None = None,
     decimation: int = 1,
+    loads: bool = False,
     **options: Unpack[Options],
 ) -> Rollout:
     """Flies many manoeuvres in parallel under a law, by a network or under given torques.
@@ -198,9 +230,13 @@ def rollout(
     progress
         called now and then with how many are done and how many there are.
     signals
-        names of signals to keep of each manoeuvre, see `simulate`; ``None``: no trajectories.
+        names of signals to keep of each manoeuvre, see `simulate` and `load_signals`; ``None``: no
+        trajectories.
     decimation
         keep every so many samples of the sample period, the first and the last included.
+    loads
+        state ``<name>_peak``, the largest magnitude, and ``<name>_rms``, the root mean square, of
+        each load of `load_signals` over all samples. That takes time; nothing else moves.
 
     Returns
     -------
@@ -237,6 +273,7 @@ def rollout(
     if num_threads is not None and (isinstance(num_threads, bool) or num_threads < 1):
         raise ConfigError(f"num_threads must be a positive integer, got {num_threads!r}")
     check_decimation(decimation)
+    check_flag("loads", loads)
     if signals is None and decimation != 1:
         raise ConfigError(f"decimation needs signals to keep, got {decimation!r} without signals")
     if signals is not None:
@@ -249,6 +286,10 @@ def rollout(
     pilot = _pilot(law, policy, schedule, task, config, options)
     given = [engine_scenario(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
     seeds = seeds_of(seed, len(given))
-    rows, kept = _engine.rollout(given, pilot, seeds, num_threads, progress, signals, decimation)
+    rows, kept, measured = _engine.rollout(
+        given, pilot, seeds, num_threads, progress, signals, decimation, loads
+    )
     metrics = dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
+    if measured is not None:
+        metrics |= dict(metric_items(*measured))
     return Rollout(metrics, dict(kept))

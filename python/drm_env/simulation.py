@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drm_env import _engine, _html
-from drm_env._manoeuvres import check_decimation, engine_scenario, law_json
+from drm_env._exports import frame, write_mat
+from drm_env._manoeuvres import check_decimation, check_flag, engine_scenario, law_json
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
     ConfigLike,
     resolve_options,
 )
 from drm_env.errors import ConfigError
+from drm_env.loads import metric_items
 from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
@@ -43,8 +46,8 @@ LawLike = str | Mapping[str, Any] | Any
 class Trajectory(dict[str, NDArray[np.float64]]):
     """Signals of one manoeuvre by name, each of shape (samples,), SI and radians.
 
-    It is a dictionary, ``time`` first, so that ``pandas.DataFrame(trajectory)`` has a column for
-    each signal and a row for each sample.
+    It is a dictionary, ``time`` first. `to_frame` makes it a frame of pandas, `to_mat` a file for
+    MATLAB.
 
     Attributes
     ----------
@@ -69,6 +72,28 @@ class Trajectory(dict[str, NDArray[np.float64]]):
         """
         raise KeyError(f"no signal {name!r}; there are {', '.join(self)}")
 
+    def to_frame(self) -> Any:
+        """A `pandas.DataFrame` with a column for each signal and a row for each sample.
+
+        Raises
+        ------
+        ImportError
+            there is no pandas.
+        """
+        return frame(self, "sample")
+
+    def to_mat(self, path: str | PathLike[str]) -> None:
+        """Writes a MATLAB file: a column of each signal, and the metrics as the structure ``metrics``.
+
+        Raises
+        ------
+        ImportError
+            there is no SciPy.
+        OSError
+            the file cannot be written.
+        """
+        write_mat(path, {**self, "metrics": self.metrics})
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles hold signals and metrics."""
         return type(self), (dict(self), self.metrics)
@@ -90,6 +115,7 @@ def simulate(
     *,
     decimation: int = 1,
     seed: int = 0,
+    loads: bool = False,
 ) -> Trajectory:
     """Flies one manoeuvre in closed loop.
 
@@ -106,6 +132,9 @@ def simulate(
         keep every so many samples of the sample period, the first and the last included.
     seed
         of the sensors' noise, if the scenario has any.
+    loads
+        add the loads (see `load_signals`) to the signals, and to the metrics ``<name>_peak``, the
+        largest magnitude, and ``<name>_rms``, the root mean square, of each over all samples.
 
     Returns
     -------
@@ -132,11 +161,20 @@ def simulate(
     True
     >>> f"{math.degrees(flight.metrics['peak_slew_angle']):.1f}"  # the thesis has 56.21 deg
     '56.2'
+    >>> flight = drm_env.simulate(loads=True)
+    >>> bool(flight.metrics["deployment_force_peak"] > 90.0)  # N, with the centrifugal pull
+    True
     """
     check_decimation(decimation)
+    check_flag("loads", loads)
     (first,) = seeds_of(seed, 1)
-    signals, metrics = _engine.simulate(engine_scenario(scenario), law_json(law), decimation, first)
-    return Trajectory(dict(signals), dict(metrics))
+    signals, metrics, measured = _engine.simulate(
+        engine_scenario(scenario), law_json(law), decimation, first, loads
+    )
+    stated = dict(metrics)
+    if measured is not None:
+        stated |= {name: float(value) for name, value in metric_items(*measured)}
+    return Trajectory(dict(signals), stated)
 
 
 def sample_scenarios(

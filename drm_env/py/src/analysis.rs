@@ -15,7 +15,8 @@ use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
 use drm_env::plant::Torques;
 use drm_env::reference::Extension;
-use drm_env::rollout::SIGNAL_NAMES;
+use drm_env::rollout::{Pilot, SIGNAL_NAMES, fly_one_loaded};
+use drm_env::simulation::loads::LOAD_NAMES;
 use drm_env::simulation::metrics::METRIC_NAMES;
 use drm_env::simulation::servo_model;
 use drm_env::{env, interruption, memory, rollout as flights};
@@ -369,8 +370,16 @@ pub(crate) fn signal_names() -> Vec<&'static str> {
     SIGNAL_NAMES.to_vec()
 }
 
-/// Flies one manoeuvre under a law: the signals, every `every`-th sample, and the metrics.
+/// Names of the loads, in the engine's order.
 #[pyfunction]
+pub(crate) fn load_names() -> Vec<&'static str> {
+    LOAD_NAMES.to_vec()
+}
+
+/// Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, and with `loads`
+/// these among the signals and their peaks and root mean squares.
+#[pyfunction]
+#[pyo3(signature = (scenario, law, every, seed, loads=false))]
 #[allow(clippy::type_complexity)]
 pub(crate) fn simulate<'py>(
     py: Python<'py>,
@@ -378,22 +387,36 @@ pub(crate) fn simulate<'py>(
     law: &str,
     every: Count,
     seed: &[u8],
+    loads: bool,
 ) -> Outcome<(
     Vec<(&'static str, Out1<'py, f64>)>,
     Vec<(&'static str, f64)>,
+    Option<(Out1<'py, f64>, Out1<'py, f64>)>,
 )> {
-    let flown = detached(py, || {
+    let (signals, metrics, loads) = detached(py, || {
         let scenario = scenario.scenario(None)?;
         let law = law_from_json(law)?;
-        flights::simulate(scenario, &law, every.0, Seed::from_le_bytes(seed))
+        let seed = Seed::from_le_bytes(seed);
+        if loads {
+            let flown = fly_one_loaded(&scenario, &Pilot::law(&law)?, every.0, seed)?;
+            return Ok::<_, Error>((flown.signals, flown.metrics, Some(flown.loads)));
+        }
+        let flown = flights::simulate(scenario, &law, every.0, seed)?;
+        let signals = SIGNAL_NAMES.into_iter().zip(flown.signals).collect();
+        Ok((signals, flown.metrics, None))
     })?;
-    let signals = SIGNAL_NAMES.into_iter().zip(flown.signals);
-    let metrics = METRIC_NAMES.into_iter().zip(flown.metrics.values());
+    let signals = signals.into_iter();
+    let metrics = METRIC_NAMES.into_iter().zip(metrics.values());
     Ok((
         signals
             .map(|(name, values)| (name, Out1::vector(py, values)))
             .collect(),
         metrics.collect(),
+        loads.map(|loads| {
+            [loads.peak, loads.rms]
+                .map(|x| Out1::vector(py, x.to_vec()))
+                .into()
+        }),
     ))
 }
 

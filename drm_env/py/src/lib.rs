@@ -58,8 +58,8 @@ mod _engine {
 
     #[pymodule_export]
     use super::analysis::{
-        Law, Model, check_memory, measurement_names, sample_scenarios, signal_names, simulate,
-        transitions,
+        Law, Model, check_memory, load_names, measurement_names, sample_scenarios, signal_names,
+        simulate, transitions,
     };
     #[pymodule_export]
     use super::batch::{Batch, panic_after_parts};

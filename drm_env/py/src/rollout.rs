@@ -97,11 +97,11 @@ impl Network {
 }
 
 /// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
-/// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, and for each signal its values, a row a manoeuvre, every
-/// `every`-th sample. `progress(flown, all)` is called now and then; what it raises ends the work
+/// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
+/// `every`-th sample, and with `loads` their peaks and root mean squares, a row a manoeuvre each. `progress(flown, all)` is called now and then; what it raises ends the work
 /// and is raised here.
 #[pyfunction]
-#[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every))]
+#[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every, loads=false))]
 #[allow(clippy::too_many_arguments, clippy::type_complexity)]
 pub(crate) fn rollout<'py>(
     py: Python<'py>,
@@ -116,7 +116,12 @@ pub(crate) fn rollout<'py>(
     progress: Option<Py<PyAny>>,
     signals: Option<Vec<String>>,
     every: Count,
-) -> Outcome<(Out2<'py, f64>, Vec<(&'static str, Out2<'py, f64>)>)> {
+    loads: bool,
+) -> Outcome<(
+    Out2<'py, f64>,
+    Vec<(&'static str, Out2<'py, f64>)>,
+    Option<(Out2<'py, f64>, Out2<'py, f64>)>,
+)> {
     let num_threads = within_processors(py, num_threads)?;
     let mut raised: Option<PyErr> = None;
     let count = scenarios.len();
@@ -146,9 +151,13 @@ pub(crate) fn rollout<'py>(
                 return Err(Error::from(ConfigError::form("pilot", message)));
             }
         };
-        let recording = signals
-            .map(|signals| Recording::new(&signals, every.0))
-            .transpose()?;
+        let recording = match (signals, loads) {
+            (None, false) => None,
+            (signals, false) => Some(Recording::new(&signals.unwrap_or_default(), every.0)?),
+            (signals, true) => {
+                Some(Recording::new(&signals.unwrap_or_default(), every.0)?.with_loads())
+            }
+        };
         let scenarios = scenarios
             .iter()
             .enumerate()
@@ -184,5 +193,10 @@ pub(crate) fn rollout<'py>(
             kept.push((name, Out2::new(py, shape, values)));
         }
     }
-    Ok((Out2::matrix(py, rows), kept))
+    let loads = flown.loads.map(|loads| {
+        let peaks = loads.iter().map(|loads| loads.peak).collect();
+        let squares = loads.iter().map(|loads| loads.rms).collect();
+        (Out2::matrix(py, peaks), Out2::matrix(py, squares))
+    });
+    Ok((Out2::matrix(py, rows), kept, loads))
 }

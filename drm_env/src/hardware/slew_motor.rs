@@ -80,10 +80,15 @@ impl<T: Lane> CurrentGains<T> {
     /// vibration.
     #[inline(always)]
     pub fn power(&self, slew_torque: T, rate: T, accel: T) -> T {
-        let current = self
-            .torque
-            .mul_add(slew_torque, self.rate.mul_add(rate, self.accel * accel));
+        let current = self.current(slew_torque, rate, accel);
         current * current * ARMATURE_RESISTANCE
+    }
+
+    /// Current, A, at a slew torque (N m) with the reference's rate (rad/s) and acceleration (rad/s^2).
+    #[inline(always)]
+    pub fn current(&self, slew_torque: T, rate: T, accel: T) -> T {
+        self.torque
+            .mul_add(slew_torque, self.rate.mul_add(rate, self.accel * accel))
     }
 }
 

@@ -170,7 +170,7 @@ pub enum Jump<'a, T, const N: usize> {
 /// L U factors in place of a matrix that needs no pivoting (a positive definite one and small
 /// unsymmetric parts); reciprocals on the diagonal.
 #[inline(always)]
-fn factorize<T: Lane, const N: usize>(m: &mut [[T; N]; N], size: usize) {
+pub(crate) fn factorize<T: Lane, const N: usize>(m: &mut [[T; N]; N], size: usize) {
     for k in 0..size {
         let (above, below) = m.split_at_mut(k + 1);
         let pivot_row = &mut above[k];
@@ -188,7 +188,7 @@ fn factorize<T: Lane, const N: usize>(m: &mut [[T; N]; N], size: usize) {
 
 /// Replaces a right-hand side by the solution.
 #[inline(always)]
-fn solve<T: Lane, const N: usize>(factors: &[[T; N]; N], size: usize, x: &mut [T; N]) {
+pub(crate) fn solve<T: Lane, const N: usize>(factors: &[[T; N]; N], size: usize, x: &mut [T; N]) {
     for j in 0..size {
         let known = -x[j];
         for i in j + 1..size {

@@ -2,6 +2,7 @@
 
 pub mod consistent;
 pub mod energy;
+pub mod loads;
 pub mod thesis;
 pub mod thesis_modes;
 

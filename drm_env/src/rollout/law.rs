@@ -13,7 +13,7 @@ use crate::simulation::controller::Fly;
 use crate::simulation::hook::{Hooked, StepHook};
 
 use super::queue::{Ended, Queue};
-use super::recorder::Recorder;
+use super::recorder::{Kept, Recorder};
 
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
@@ -204,11 +204,11 @@ fn leg<T: Vector>(
         let lost = lost_lanes >> lane & 1 == 1;
         lanes[lane] = Some(Place { index, left });
         if left == 0 || lost {
-            let rows = recorder
+            let kept = recorder
                 .as_deref_mut()
-                .map_or_else(Vec::new, |recorder| recorder.end(flight, lane, false));
+                .map_or_else(Kept::default, |recorder| recorder.end(flight, lane, false));
             let metrics = flight.one(lane).metrics(lost, 0.0);
-            queue.send(index, Ok(Ended { metrics, rows }));
+            queue.send(index, Ok(Ended { metrics, kept }));
             lanes[lane] = None;
         }
     }

@@ -21,13 +21,14 @@ use crate::interruption::{self, Flag};
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
 use crate::simd::{Instructions, Narrow};
+use crate::simulation::loads::LoadMetrics;
 use crate::simulation::metrics::Metrics;
 
 use queue::{Ended, Queue};
 
 pub use law::Schedule;
 pub use pilot::Pilot;
-pub use recorder::{Recording, Trajectories};
+pub use recorder::{Recording, Trajectories, recordable};
 pub use trajectory::{MAX_BYTES, SIGNAL_NAMES, Trajectory, signals, simulate};
 
 /// How a rollout is flown.
@@ -59,6 +60,8 @@ pub struct Flown {
     pub metrics: Vec<Metrics>,
     /// Signals, if any were to be kept.
     pub trajectories: Option<Trajectories>,
+    /// Loads, one a scenario, if they were wanted.
+    pub loads: Option<Vec<LoadMetrics>>,
 }
 
 /// Longest time between two calls of `progress`, and between an interruption and its notice.
@@ -142,6 +145,9 @@ fn fly_watched(
         trajectories: recording
             .map(|recording| Trajectories::new(recording, scenarios))
             .transpose()?,
+        loads: recording
+            .filter(|recording| recording.measures_loads())
+            .map(|_| vec![LoadMetrics::VOID; scenarios.len()]),
     };
     let available = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = options.threads.unwrap_or(available);
@@ -204,15 +210,61 @@ pub fn fly_one(
     seed: Seed,
 ) -> Result<Trajectory, Error> {
     let recording = Recording::new(&SIGNAL_NAMES, every)?;
+    let Ended { metrics, kept } = fly_here(scenario, pilot, &recording, seed)?;
+    Ok(Trajectory::of_rows(&kept.rows, metrics))
+}
+
+/// One manoeuvre with everything that can be kept of it.
+#[derive(Debug, Clone)]
+pub struct LoadedTrajectory {
+    /// Names of [`recordable`] with their values, SI, angles in radians.
+    pub signals: Vec<(&'static str, Vec<f64>)>,
+    /// Metrics of the manoeuvre.
+    pub metrics: Metrics,
+    /// Its loads.
+    pub loads: LoadMetrics,
+}
+
+/// [`fly_one`] with the loads beside the signals.
+///
+/// # Errors
+/// See [`fly`].
+pub fn fly_one_loaded(
+    scenario: &ValidScenario,
+    pilot: &Pilot<'_>,
+    every: usize,
+    seed: Seed,
+) -> Result<LoadedTrajectory, Error> {
+    let names = recordable();
+    let recording = Recording::new(&names, every)?.with_loads();
+    let Ended { metrics, kept } = fly_here(scenario, pilot, &recording, seed)?;
+    let column = |first| kept.rows.iter().skip(first).step_by(names.len()).copied();
+    let signals = names.iter().enumerate();
+    Ok(LoadedTrajectory {
+        signals: signals
+            .map(|(i, name)| (*name, column(i).collect()))
+            .collect(),
+        metrics,
+        loads: kept.loads.unwrap_or(LoadMetrics::VOID),
+    })
+}
+
+/// One manoeuvre on the calling thread.
+fn fly_here(
+    scenario: &ValidScenario,
+    pilot: &Pilot<'_>,
+    recording: &Recording,
+    seed: Seed,
+) -> Result<Ended, Error> {
     let scenarios = std::slice::from_ref(scenario);
     pilot.check_one(scenario)?;
     // for its check of the size
-    Trajectories::new(&recording, scenarios)?;
+    Trajectories::new(recording, scenarios)?;
     let (done, finished) = sync_channel(1);
     pilot.fly::<f64>(&Queue {
         scenarios,
         seeds: &[seed],
-        recording: Some(&recording),
+        recording: Some(recording),
         next: &AtomicUsize::new(0),
         stop: &AtomicBool::new(false),
         done,
@@ -220,8 +272,7 @@ pub fn fly_one(
     let (_, ended) = finished
         .try_recv()
         .map_err(|_| SimulationError::Interrupted)?;
-    let Ended { metrics, rows } = ended?;
-    Ok(Trajectory::of_rows(&rows, metrics))
+    ended
 }
 
 /// Takes results up until every thread has ended; the first failure, if there was one.
@@ -236,10 +287,13 @@ fn collect(
     let mut reported = Instant::now();
     loop {
         match finished.recv_timeout(REPORT_PERIOD) {
-            Ok((index, Ok(Ended { metrics, rows }))) => {
+            Ok((index, Ok(Ended { metrics, kept }))) => {
                 flown.metrics[index] = metrics;
                 if let Some(trajectories) = &mut flown.trajectories {
-                    trajectories.put(index, &rows);
+                    trajectories.put(index, &kept.rows);
+                }
+                if let (Some(all), Some(loads)) = (&mut flown.loads, kept.loads) {
+                    all[index] = loads;
                 }
                 count += 1;
             }

@@ -17,7 +17,7 @@ use crate::simulation::Flight;
 use crate::simulation::hook::StepHook;
 
 use super::queue::{Ended, Queue};
-use super::recorder::Recorder;
+use super::recorder::{Kept, Recorder};
 
 /// A network and the task it flies.
 #[derive(Debug)]
@@ -204,12 +204,12 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
                 continue;
             };
             let (flight, driven) = (&self.pack.flight, self.pilot.drives_slew);
-            let rows = self
+            let kept = self
                 .recorder
                 .as_mut()
-                .map_or_else(Vec::new, |recorder| recorder.end(flight, lane, driven));
+                .map_or_else(Kept::default, |recorder| recorder.end(flight, lane, driven));
             let metrics = self.pack.one(lane).metrics();
-            self.queue.send(index, Ok(Ended { metrics, rows }));
+            self.queue.send(index, Ok(Ended { metrics, kept }));
         }
         true
     }

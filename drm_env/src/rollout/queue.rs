@@ -10,13 +10,12 @@ use crate::simulation::metrics::Metrics;
 use crate::simulation::{Flight, Plan};
 
 use super::noise;
-use super::recorder::{Recorder, Recording};
+use super::recorder::{Kept, Recorder, Recording};
 
 /// What is known of a manoeuvre that has ended.
 pub(super) struct Ended {
     pub(super) metrics: Metrics,
-    /// Rows of the signals that are kept, one after the other.
-    pub(super) rows: Vec<f64>,
+    pub(super) kept: Kept,
 }
 
 /// Place of a manoeuvre in the list, and its end or why it has none.

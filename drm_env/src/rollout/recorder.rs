@@ -9,8 +9,26 @@ use crate::simd::mask::lanes_of;
 use crate::simd::{Laned, Number};
 use crate::simulation::Flight;
 use crate::simulation::hook::StepHook;
+use crate::simulation::loads::{Before, LOAD_NAMES, LoadMeter, LoadMetrics, LoadSums, Loads};
 
-use super::trajectory::{MAX_BYTES, Row, SIGNAL_NAMES, apply_torques, last_row, signals_of};
+use super::trajectory::{
+    MAX_BYTES, Row, SIGNAL_NAMES, apply_torques, last_row, signals_of, torques_of,
+};
+
+/// Name of a column: the signals, and behind them the loads.
+fn column_name(column: usize) -> &'static str {
+    match column.checked_sub(SIGNAL_NAMES.len()) {
+        None => SIGNAL_NAMES[column],
+        Some(load) => LOAD_NAMES[load],
+    }
+}
+
+/// Names of everything that can be kept, the loads behind the signals; what is both is a signal.
+pub fn recordable() -> Vec<&'static str> {
+    let loads = LOAD_NAMES.into_iter();
+    let more = loads.filter(|name| !SIGNAL_NAMES.contains(name));
+    SIGNAL_NAMES.into_iter().chain(more).collect()
+}
 
 /// Numbers that are written between two looks whether the work shall stop.
 const NUMBERS_BETWEEN_POLLS: usize = 1 << 20;
@@ -18,9 +36,11 @@ const NUMBERS_BETWEEN_POLLS: usize = 1 << 20;
 /// Which signals of each manoeuvre are kept, and how often.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recording {
-    /// Places in [`SIGNAL_NAMES`].
+    /// Places in [`SIGNAL_NAMES`], and behind them in [`LOAD_NAMES`].
     columns: Vec<usize>,
     every: usize,
+    /// Whether peaks and mean squares of the loads are wanted.
+    loads: bool,
 }
 
 impl Recording {
@@ -40,8 +60,9 @@ impl Recording {
         let mut columns = Vec::with_capacity(signals.len());
         for (index, name) in signals.iter().map(AsRef::as_ref).enumerate() {
             let path = format!("signals[{index}]");
-            let Some(column) = SIGNAL_NAMES.iter().position(|known| *known == name) else {
-                let requirement = format!("must be one of {}", SIGNAL_NAMES.join(", "));
+            let mut known = SIGNAL_NAMES.iter().chain(&LOAD_NAMES);
+            let Some(column) = known.position(|known| *known == name) else {
+                let requirement = format!("must be one of {}", recordable().join(", "));
                 return Err(ConfigError::value(path, requirement, name));
             };
             if columns.contains(&column) {
@@ -49,7 +70,34 @@ impl Recording {
             }
             columns.push(column);
         }
-        Ok(Self { columns, every })
+        Ok(Self {
+            columns,
+            every,
+            loads: false,
+        })
+    }
+
+    /// The same, with peaks and mean squares of the loads over all samples.
+    #[must_use]
+    pub fn with_loads(self) -> Self {
+        Self {
+            loads: true,
+            ..self
+        }
+    }
+
+    /// Whether peaks and mean squares of the loads are wanted.
+    pub(super) fn measures_loads(&self) -> bool {
+        self.loads
+    }
+
+    /// Whether loads are to be computed at all.
+    fn needs_loads(&self) -> bool {
+        self.loads
+            || self
+                .columns
+                .iter()
+                .any(|column| *column >= SIGNAL_NAMES.len())
     }
 
     /// Rows of a manoeuvre that is not cut short.
@@ -93,7 +141,7 @@ impl Trajectories {
                 interruption::poll();
                 values.resize(numbers.min(values.len() + NUMBERS_BETWEEN_POLLS), f64::NAN);
             }
-            signals.push((SIGNAL_NAMES[*column], values));
+            signals.push((column_name(*column), values));
         }
         Ok(Self { samples, signals })
     }
@@ -110,6 +158,23 @@ impl Trajectories {
     }
 }
 
+/// What is kept of a manoeuvre that has ended.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Kept {
+    /// Rows of the signals, one after the other.
+    pub(super) rows: Vec<f64>,
+    /// Loads, if they are wanted.
+    pub(super) loads: Option<LoadMetrics>,
+}
+
+/// The loads of one lane.
+#[derive(Debug, Clone)]
+struct Loaded {
+    meter: LoadMeter,
+    open: Option<Before>,
+    sums: LoadSums,
+}
+
 /// Keeps the rows of manoeuvres that fly side by side.
 pub(super) struct Recorder<'a> {
     recording: &'a Recording,
@@ -120,6 +185,8 @@ pub(super) struct Recorder<'a> {
     opened: u32,
     /// Samples in which no lane has a row.
     quiet: usize,
+    /// Loads of each lane, from its first sample on.
+    loaded: Vec<Option<Box<Loaded>>>,
 }
 
 impl<'a> Recorder<'a> {
@@ -131,6 +198,7 @@ impl<'a> Recorder<'a> {
             open: vec![[0.0; SIGNAL_NAMES.len()]; lanes],
             opened: 0,
             quiet: 0,
+            loaded: vec![None; lanes],
         }
     }
 
@@ -141,21 +209,56 @@ impl<'a> Recorder<'a> {
 
     /// The rows of a lane that has ended, which are forgotten; see [`last_row`] for `driven`. A state
     /// beyond the limits of [`crate::validity`] has no row.
-    pub(super) fn end<T: Number>(
-        &mut self,
-        flight: &Flight<T>,
-        lane: usize,
-        driven: bool,
-    ) -> Vec<f64> {
-        if flight.void() >> lane & 1 == 0 {
-            self.keep(lane, &last_row(flight, lane, driven));
+    pub(super) fn end<T: Number>(&mut self, flight: &Flight<T>, lane: usize, driven: bool) -> Kept {
+        let void = flight.void() >> lane & 1 == 1;
+        self.opened &= !(1 << lane);
+        if !void {
+            let row = last_row(flight, lane, driven);
+            self.open_loads(flight, lane);
+            let loads = self.close_loads(lane, torques_of(&row));
+            self.keep(lane, &row, loads.as_ref());
         }
-        std::mem::take(&mut self.kept[lane])
+        let loaded = self.loaded[lane].take();
+        Kept {
+            rows: std::mem::take(&mut self.kept[lane]),
+            loads: self.recording.loads.then(|| match loaded {
+                Some(loaded) if !void => loaded.sums.metrics(),
+                _ => LoadMetrics::VOID,
+            }),
+        }
     }
 
-    fn keep(&mut self, lane: usize, row: &Row) {
-        let columns = self.recording.columns.iter();
-        self.kept[lane].extend(columns.map(|column| row[*column]));
+    fn keep(&mut self, lane: usize, row: &Row, loads: Option<&Loads>) {
+        let value = |column: &usize| match column.checked_sub(SIGNAL_NAMES.len()) {
+            None => row[*column],
+            Some(load) => loads.map_or(f64::NAN, |loads| loads[load]),
+        };
+        self.kept[lane].extend(self.recording.columns.iter().map(value));
+    }
+
+    /// Looks at a lane before its torques are known.
+    fn open_loads<T: Number>(&mut self, flight: &Flight<T>, lane: usize) {
+        if !self.recording.needs_loads() {
+            return;
+        }
+        if self.loaded[lane].is_none() {
+            self.loaded[lane] = LoadMeter::of(flight, lane).map(|meter| {
+                let sums = LoadSums::NONE;
+                let open = None;
+                Box::new(Loaded { meter, open, sums })
+            });
+        }
+        if let Some(loaded) = &mut self.loaded[lane] {
+            loaded.open = Some(loaded.meter.look(flight, lane));
+        }
+    }
+
+    /// The loads of a lane that has been looked at, with its torques.
+    fn close_loads(&mut self, lane: usize, torques: [f64; 3]) -> Option<Loads> {
+        let loaded = self.loaded[lane].as_mut()?;
+        let loads = loaded.meter.at(&loaded.open.take()?, torques);
+        loaded.sums.take(&loads);
+        Some(loads)
     }
 }
 
@@ -173,18 +276,30 @@ impl<T: Number> StepHook<T> for Recorder<'_> {
                 self.open[lane] = signals_of(flight, lane, [0.0; 3]);
                 self.opened |= 1 << lane;
             }
+            if past == 0 || self.recording.loads {
+                self.open_loads(flight, lane);
+            }
             next = next.min(every - past);
         }
-        self.quiet = next - 1;
+        self.quiet = if self.recording.loads { 0 } else { next - 1 };
     }
 
     fn after(&mut self, flight: &Flight<T>) {
-        for lane in lanes_of(std::mem::take(&mut self.opened)) {
+        let opened = std::mem::take(&mut self.opened);
+        let measured = if self.recording.loads {
+            everyone::<T>() & !flight.resting()
+        } else {
+            0
+        };
+        for lane in lanes_of(opened | measured) {
             // the torques of a row are those applied from it on
             let torques = flight.common.torques.lane_of(lane);
-            let mut row = self.open[lane];
-            apply_torques(&mut row, flight, lane, torques);
-            self.keep(lane, &row);
+            let loads = self.close_loads(lane, torques);
+            if opened >> lane & 1 == 1 {
+                let mut row = self.open[lane];
+                apply_torques(&mut row, flight, lane, torques);
+                self.keep(lane, &row, loads.as_ref());
+            }
         }
     }
 }

@@ -119,6 +119,11 @@ pub(super) fn apply_torques<T: Number>(
     row[MOTOR_POWER] = motor.power(torques[0], row[REFERENCE_RATE], row[REFERENCE_ACCEL]);
 }
 
+/// Slew motor, root and tip wheel of a row, N m.
+pub(super) fn torques_of(row: &Row) -> [f64; 3] {
+    [0, 1, 2].map(|i| row[SLEW_TORQUE + i])
+}
+
 /// The last row of a lane: wheel torques are those of the last sample; `driven` says that so is the
 /// slew motor's, which otherwise is the open loop's at this instant.
 pub(super) fn last_row<T: Number>(flight: &Flight<T>, lane: usize, driven: bool) -> Row {

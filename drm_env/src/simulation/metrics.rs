@@ -228,6 +228,13 @@ impl<T: Lane> Accumulator<T> {
     }
 }
 
+impl<T: Copy> Accumulator<T> {
+    /// Sum of the slew motor's electrical power over the samples, W.
+    pub(crate) fn summed_power(&self) -> T {
+        self.power
+    }
+}
+
 impl Accumulator<f64> {
     /// Whether a flight of so many samples can have left these sums.
     pub(crate) fn fits(&self, flown: f64) -> bool {

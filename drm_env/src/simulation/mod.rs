@@ -10,6 +10,7 @@ pub(crate) mod hook;
 pub mod identification;
 mod lanes;
 mod law_model;
+pub mod loads;
 mod manoeuvre;
 pub mod metrics;
 pub(crate) mod plan;

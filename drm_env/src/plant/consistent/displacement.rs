@@ -11,11 +11,11 @@ use crate::math::quadrature::gauss_legendre;
 pub const CAPACITY: usize = 17;
 
 /// A linear form of the coordinates: an entry a coordinate, the first that of the slew angle.
-pub(super) type Row = [f64; CAPACITY];
+pub(crate) type Row = [f64; CAPACITY];
 
 /// What a particle sees, as linear forms of the coordinates.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// Deflection w from the rotating axis (the row W).
     pub deflection: Row,
     /// dw/dxi.
@@ -28,7 +28,7 @@ pub(super) struct Place {
 
 /// The tip of link 2: the forms of [`Place`] and the change of its slope per unit of extension.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Tip {
+pub(crate) struct Tip {
     pub deflection: Row,
     pub slope: Row,
     pub drift: Row,
@@ -37,7 +37,7 @@ pub(super) struct Tip {
 
 /// Deflections of both links as linear forms of the coordinates.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Field {
+pub(crate) struct Field {
     pub arm: Arm,
     pub link1: ShapeBasis,
     pub link2: ShapeBasis,
@@ -84,7 +84,7 @@ impl Field {
     }
 
     /// Gauss points that integrate every term over a part of the arm to rounding.
-    fn points(&self) -> usize {
+    pub fn points(&self) -> usize {
         // three more for the levers and the axial force beside the product of two shapes
         self.link1
             .quadrature_points()

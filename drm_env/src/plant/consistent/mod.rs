@@ -85,10 +85,11 @@ use crate::reference::Extension;
 
 pub use arm_tables::ConsistentArm;
 pub use displacement::CAPACITY;
+pub(crate) use displacement::Field;
 pub use step::{ConsistentLanes, ConsistentOutputs, ConsistentState};
 
 use arm_tables::{MOST, MOST_ELASTIC, PACKED, Slots};
-use displacement::{Field, Integrals, Row};
+use displacement::{Integrals, Row};
 use modal_damping::ModalDamping;
 use terms::{Payload, Terms, Weights};
 
@@ -260,8 +261,14 @@ impl ConsistentPlant {
         &self.lanes.arm
     }
 
-    fn field(&self) -> &Field {
+    /// Deflections as forms of the coordinates.
+    pub(crate) fn field(&self) -> &Field {
         &self.lanes.arm.field
+    }
+
+    /// The payload as it is.
+    pub(crate) fn payload(&self) -> &PayloadProperties {
+        &self.payload
     }
 
     fn sums(&self, a: f64) -> Integrals {

@@ -9,7 +9,7 @@ use super::arm_tables::{ConsistentArm, MOST_ELASTIC, PACKED, Slots};
 use super::displacement::CAPACITY;
 use super::modal_damping::{ModalDamping, place};
 use super::terms::{Payload, Spin, Stiffness, Terms, Turned, Weights};
-use crate::math::generalized_alpha::{Equations, GeneralizedAlpha, Jump, Motion};
+use crate::math::generalized_alpha::{Equations, GeneralizedAlpha, Jump, Motion, factorize, solve};
 use crate::plant::Torques;
 use crate::reference::Extension;
 use crate::reference::timeline::Piece;
@@ -617,6 +617,34 @@ impl ConsistentPlant {
         self.lanes.step(scheme, state, torques, extension, h, 1.0);
     }
 
+    /// What the equations say of a state under torques, whatever the integrator has made of it.
+    pub(crate) fn instant(
+        &self,
+        state: &ConsistentState,
+        torques: &Torques<f64>,
+        extension: &Extension<f64>,
+    ) -> Instant {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if Instructions::detect() >= Instructions::Avx2 {
+                // SAFETY: the processor has the features that the function is compiled for
+                return unsafe { self.instant_avx2(state, torques, extension) };
+            }
+        }
+        self.lanes.instant(state, torques, extension)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn instant_avx2(
+        &self,
+        state: &ConsistentState,
+        torques: &Torques<f64>,
+        extension: &Extension<f64>,
+    ) -> Instant {
+        self.lanes.instant(state, torques, extension)
+    }
+
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
     fn step_avx2(
@@ -628,6 +656,82 @@ impl ConsistentPlant {
         h: f64,
     ) {
         self.lanes.step(scheme, state, torques, extension, h, 1.0);
+    }
+}
+
+/// What the equations say at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Instant {
+    /// q''.
+    pub accel: [f64; CAPACITY],
+    /// What squares of the deflections add to the angular momentum, N m s.
+    pub turned_momentum: f64,
+}
+
+impl ConsistentLanes<f64> {
+    #[inline(always)]
+    fn instant(
+        &self,
+        state: &ConsistentState,
+        torques: &Torques<f64>,
+        extension: &Extension<f64>,
+    ) -> Instant {
+        const S4: usize = Slots::new(4).count;
+        const S8: usize = Slots::new(8).count;
+        match self.arm.modes() {
+            (4, 4) => self.instant_of::<9, S4, 10>(state, torques, extension),
+            _ => self.instant_of::<CAPACITY, S8, PACKED>(state, torques, extension),
+        }
+    }
+
+    #[inline(always)]
+    fn instant_of<const N: usize, const S: usize, const P: usize>(
+        &self,
+        state: &ConsistentState,
+        torques: &Torques<f64>,
+        extension: &Extension<f64>,
+    ) -> Instant {
+        let modes = self.arm.modes();
+        let size = (1 + modes.0 + modes.1).min(N);
+        let (rate, accel) = (extension.rate, extension.accel);
+        let moving = rate != 0.0 || accel != 0.0;
+        let terms =
+            Terms::<f64, N, S, P>::new(&self.arm, &self.payload, modes, extension.length, moving);
+        let (q, v) = (leading::<f64, N>(&state.q), leading::<f64, N>(&state.v));
+        let spin = terms.spin();
+        let [turning_rate, _] = spin.of(&v);
+        let turned = terms.turned(&q);
+        let square = turning_rate * turning_rate;
+        let mut force = terms.force(torques.slew + torques.root, torques.tip);
+        if self.payload.offset != 0.0 {
+            terms.add_lever(square, accel, &mut force);
+        }
+        let stiffness = terms.stiffness(-square, -accel, rate * rate);
+        let modal = self.modal_damping::<N>(extension.length, size);
+        let balance = Balance {
+            terms: &terms,
+            stiffness: &stiffness,
+            force,
+            damping: self.payload.damping,
+            modal: modal.as_ref(),
+            position: 1.0,
+            rate,
+            accel,
+            turning_rate,
+            spin: &spin,
+            turned: &turned,
+        };
+        let mut factors = [[0.0; N]; N];
+        balance.effective(1.0, 0.0, 0.0, &mut factors);
+        factorize(&mut factors, size);
+        let mut found = balance.unbalanced(&q, &v);
+        solve(&factors, size, &mut found);
+        let mut accel = [0.0; CAPACITY];
+        accel[..size].copy_from_slice(&found[..size]);
+        Instant {
+            accel,
+            turned_momentum: turning_rate * turned.inertia,
+        }
     }
 }
 

@@ -1,0 +1,256 @@
+//! Loads of a flight: what arm, base, wheels and motor bear at one instant, and their peaks. Computed
+//! beside the flight for who asks; neither episodes nor snapshots know of them.
+
+use super::Flight;
+use crate::hardware::slew_motor::{
+    ARMATURE_RESISTANCE, BACK_EMF_CONSTANT, CurrentGains, GEAR_RATIO,
+};
+use crate::plant::Torques;
+use crate::plant::consistent::{CAPACITY, ConsistentPlant};
+use crate::plant::loads::{LoadModel, Moving};
+use crate::plant::thesis::{Constants, Prepared};
+use crate::reference::Extension;
+use crate::reference::timeline::Reference;
+use crate::simd::{Laned, Number};
+use crate::simulation::any_plant::{AnyPlant, Motion};
+use std::sync::Arc;
+
+/// Names of the loads, in the order of [`Loads`]; N m, N, N m s, m, m/s^2, rad/s, A, V, W and J. See
+/// docs/loads.md for what they are.
+pub const LOAD_NAMES: [&str; 21] = [
+    "root_bending_moment_link1",
+    "root_bending_moment_link2",
+    "root_shear_link1",
+    "root_shear_link2",
+    "payload_acceleration",
+    "deployment_force",
+    "base_force_x",
+    "base_force_y",
+    "base_torque",
+    "angular_momentum",
+    "root_wheel_momentum",
+    "tip_wheel_momentum",
+    "tip_x",
+    "tip_y",
+    "motor_torque",
+    "motor_speed",
+    "motor_current",
+    "motor_voltage",
+    "motor_power",
+    "motor_energy",
+    "motor_input_power",
+];
+
+/// Every load at one instant, in the order of [`LOAD_NAMES`].
+pub type Loads = [f64; LOAD_NAMES.len()];
+
+/// Equations of motion of one manoeuvre.
+#[derive(Debug, Clone)]
+enum Body {
+    Thesis {
+        constants: Constants<f64>,
+        axial_load: bool,
+        following: bool,
+    },
+    Consistent(Arc<ConsistentPlant>),
+}
+
+/// One manoeuvre, to be asked for its loads.
+#[derive(Debug, Clone)]
+pub(crate) struct LoadMeter {
+    model: LoadModel,
+    body: Body,
+    current: CurrentGains<f64>,
+    link1_length: f64,
+    sample_period: f64,
+}
+
+/// A manoeuvre at one instant, before its torques are known.
+#[derive(Debug, Clone)]
+pub(crate) struct Before {
+    motion: Motion<f64>,
+    extension: Extension<f64>,
+    reference: Reference<f64>,
+    momenta: [f64; 2],
+    energy: f64,
+}
+
+impl LoadMeter {
+    /// Of the manoeuvre in a lane; nothing if its payload cannot be, with which it would not fly.
+    pub(crate) fn of<T: Number>(flight: &Flight<T>, lane: usize) -> Option<Self> {
+        let scenario = flight.scenario_of(lane);
+        let payload = scenario.true_payload().ok()?;
+        let dynamics = scenario.dynamics;
+        let (model, body) = match flight.body.one(lane) {
+            AnyPlant::Thesis(constants) => {
+                let following = dynamics.particle_following;
+                let body = Body::Thesis {
+                    constants,
+                    axial_load: dynamics.axial_load,
+                    following,
+                };
+                (LoadModel::thesis(&scenario.arm, &payload, following), body)
+            }
+            AnyPlant::Consistent(body) => {
+                let plant = body.plants.into_iter().next()?;
+                (LoadModel::consistent(&plant), Body::Consistent(plant))
+            }
+        };
+        Some(Self {
+            model,
+            body,
+            current: flight.fixed.current.lane_of(lane),
+            link1_length: scenario.arm.link1.length,
+            sample_period: flight.sample_period(),
+        })
+    }
+
+    /// The present instant of the manoeuvre in a lane.
+    pub(crate) fn look<T: Number>(&self, flight: &Flight<T>, lane: usize) -> Before {
+        let clock = flight.clock.lane_of(lane);
+        let power = flight.common.metrics.summed_power().lane(lane);
+        Before {
+            motion: flight.motion.one(lane),
+            extension: clock.extension,
+            reference: clock.reference,
+            momenta: [
+                flight.common.root.momentum.lane(lane),
+                flight.common.tip.momentum.lane(lane),
+            ],
+            energy: power * self.sample_period,
+        }
+    }
+
+    /// The loads then, under the torques of slew motor, root and tip wheel (N m).
+    pub(crate) fn at(&self, before: &Before, torques: [f64; 3]) -> Loads {
+        let Before {
+            motion,
+            extension,
+            reference,
+            momenta,
+            energy,
+        } = before;
+        let [slew, root, tip] = torques;
+        let all = Torques { slew, root, tip };
+        let (mut q, mut v, mut accel) = ([0.0; CAPACITY], [0.0; CAPACITY], [0.0; CAPACITY]);
+        let turned = match (&self.body, motion) {
+            (
+                Body::Thesis {
+                    constants,
+                    axial_load,
+                    following,
+                },
+                Motion::Thesis(motion),
+            ) => {
+                let matrices = constants.matrices(extension, *axial_load, *following);
+                let [theta, alpha, beta, rates @ ..] = *motion;
+                let axial = matrices.axial;
+                let turned = -(axial.a2 * alpha * alpha + axial.b2 * beta * beta) * rates[0];
+                let found = Prepared::new(matrices).acceleration(
+                    &[theta, alpha, beta],
+                    &rates,
+                    &all,
+                    *following,
+                );
+                q[..3].copy_from_slice(&motion[..3]);
+                v[..3].copy_from_slice(&rates);
+                accel[..3].copy_from_slice(&found);
+                turned
+            }
+            (Body::Consistent(plant), Motion::Consistent(seen)) => {
+                let found = plant.instant(&seen.state, &all, extension);
+                (q, v, accel) = (seen.state.q, seen.state.v, found.accel);
+                found.turned_momentum
+            }
+            _ => return [f64::NAN; LOAD_NAMES.len()],
+        };
+        let found = self.model.at(&Moving {
+            q: &q,
+            v: &v,
+            accel: &accel,
+            extension,
+            tip_torque: tip,
+        });
+        let (sin, cos) = (libm::sin(q[0]), libm::cos(q[0]));
+        let turn =
+            |[along, across]: [f64; 2]| [along * cos - across * sin, along * sin + across * cos];
+        let [base_x, base_y] = turn(found.base);
+        let [tip_x, tip_y] = turn([self.link1_length + extension.length, found.tip]);
+        let current = self.current.current(slew, reference.rate, reference.accel);
+        let voltage =
+            ARMATURE_RESISTANCE * current + BACK_EMF_CONSTANT * GEAR_RATIO * reference.rate;
+        [
+            // what turns the hub has no inertia of its own
+            slew + root,
+            found.moment,
+            found.base[1],
+            found.shear,
+            found.payload_acceleration,
+            found.deployment,
+            base_x,
+            base_y,
+            slew,
+            found.momentum + turned + momenta[0] + momenta[1],
+            momenta[0],
+            momenta[1],
+            tip_x,
+            tip_y,
+            slew,
+            reference.rate,
+            current,
+            voltage,
+            ARMATURE_RESISTANCE * current * current,
+            *energy,
+            voltage * current,
+        ]
+    }
+}
+
+/// Largest magnitude and root mean square of every load over a manoeuvre, in the order of
+/// [`LOAD_NAMES`]; NaN of one that has left the limits of [`crate::validity`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LoadMetrics {
+    /// Largest magnitudes.
+    pub peak: Loads,
+    /// Root mean squares over the samples, the first and the last included.
+    pub rms: Loads,
+}
+
+impl LoadMetrics {
+    /// Of a manoeuvre without any.
+    pub const VOID: Self = Self {
+        peak: [f64::NAN; LOAD_NAMES.len()],
+        rms: [f64::NAN; LOAD_NAMES.len()],
+    };
+}
+
+/// What [`LoadMetrics`] are made of.
+#[derive(Debug, Clone)]
+pub(crate) struct LoadSums {
+    count: f64,
+    peak: Loads,
+    squares: Loads,
+}
+
+impl LoadSums {
+    pub(crate) const NONE: Self = Self {
+        count: 0.0,
+        peak: [0.0; LOAD_NAMES.len()],
+        squares: [0.0; LOAD_NAMES.len()],
+    };
+
+    pub(crate) fn take(&mut self, loads: &Loads) {
+        self.count += 1.0;
+        for (i, load) in loads.iter().enumerate() {
+            self.peak[i] = self.peak[i].max(load.abs());
+            self.squares[i] += load * load;
+        }
+    }
+
+    pub(crate) fn metrics(&self) -> LoadMetrics {
+        LoadMetrics {
+            peak: self.peak,
+            rms: self.squares.map(|sum| libm::sqrt(sum / self.count)),
+        }
+    }
+}
