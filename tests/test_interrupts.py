@@ -67,6 +67,10 @@ CALLS = {
     "rollout of samples that take long": (
         "drm_env.rollout([{**SLOW, 'integrator_step': 3e-8}] * 4, 'linear')"
     ),
+    "rollout of a callable law": (
+        "drm_env.rollout([SLOW] * 4, lambda seen: np.zeros((4, 2)), law_period=1.0)"
+    ),
+    "rollout with loads": "drm_env.rollout([SLOW] * 4, 'linear', loads=True)",
     "rollout under torques": (
         "drm_env.rollout([SLOW] * 4, torques=np.ones((4, 3, 2)), signals=['alpha'], decimation=99)"
     ),
@@ -88,6 +92,7 @@ CALLS["making a batch"] = (
 ENDED = {
     "Batch", "Batch.reset", "Batch.step", "Batch.get_state", "Batch.set_state", "Env.step",
     "Network.act", "batch_benchmark", "env_benchmark", "kernel_benchmark", "rollout",
+    "rollout_asked",
     "sample_scenarios", "simulate", "transitions",
 }  # fmt: skip
 """Calls that the tests of this file interrupt."""
@@ -101,9 +106,9 @@ SHORT = {
     "scenario_json signals steps",
     "Law": "control_period torque_limits", "Network": "inputs outputs",
     "": "check_memory context_names distribution_names film_signals fine_scales instructions "
-    "law_names load measurement_names metric_names option_names_json palette panic_after_parts "
-    "payload_inertias reward_names schema_json signal_names table_2_7 task_names Config Env Law "
-    "Model Network",
+    "law_names load load_names measurement_names metric_names option_names_json palette "
+    "panic_after_parts payload_inertias reward_names schema_json signal_names table_2_7 "
+    "task_names Config Env Law Model Network",
 }  # fmt: skip
 ONE_EPISODE = {
     # the work of one environment, one draw or one extension of the arm: milliseconds

@@ -37,7 +37,7 @@ class ReportedPayload:
     """Width across the arm, m."""
 
 
-SlewProfile: TypeAlias = Literal["min_time", "min_energy"]
+SlewProfile: TypeAlias = Literal["min_time", "min_energy", "table"]
 """Family of slew acceleration profile."""
 
 
@@ -338,15 +338,27 @@ class Slew:
     """The slew as a user states it."""
 
     angle: float = 0.8726646259971648
-    """Angle to slew through, rad; its sign is the direction."""
+    """Angle to slew through, rad; its sign is the direction. A table turns through its own."""
     max_accel: float = 0.02
-    """Largest angular acceleration, rad/s^2."""
+    """
+    Largest angular acceleration, rad/s^2. Not of a table, nor where the final time is given.
+    """
     profile: SlewProfile = "min_time"
     """Family of the profile."""
     smoothing: float = 0.0
     """
     Smoothing fraction phi of the slew time: 0 (not smoothed) to below 1/4 for minimum time,
     below 1/2 for minimum energy.
+    """
+    final_time: float | None = None
+    """
+    Duration, s, from which the acceleration follows (thesis section 3.2.4); null takes `max_accel`.
+    """
+    times: Sequence[float] = ()
+    """Times of a table, s, rising; at one that is given twice the acceleration jumps."""
+    accelerations: Sequence[float] = ()
+    """
+    Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest.
     """
 
 
@@ -371,9 +383,11 @@ class SlewMotor:
     constants: MotorConstants = "fitted"
     """Drag and inertia of the motor model."""
     torque_limit: float = 5000.0
+    """Largest torque at the shoulder, N m, when an agent drives the motor."""
+    open_loop_limit: float | None = None
     """
-    Largest torque at the shoulder, N m, when an agent drives the motor; the open-loop law is
-    not limited.
+    Largest torque at the shoulder, N m, that the motor gives of what the open loop asks for; null is
+    no limit. What is missing leaves the arm behind its reference, or beyond it.
     """
 
 
@@ -431,7 +445,7 @@ class Randomize:
     slew_max_accel: Distribution | None = None
     """Largest slew acceleration."""
     slew_profile: Distribution | None = None
-    """Slew profile: min_time or min_energy."""
+    """Slew profile: min_time, min_energy or table."""
     slew_smoothing: Distribution | None = None
     """Smoothing fraction of the slew profile."""
     deployment_start: Distribution | None = None

@@ -46,6 +46,7 @@ __all__ = [
     "payload_inertias",
     "reward_names",
     "rollout",
+    "rollout_asked",
     "sample_scenarios",
     "schema_json",
     "signal_names",
@@ -703,6 +704,26 @@ def rollout(
     under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
     `every`-th sample, and with `loads` their peaks and root mean squares, a row a manoeuvre each. `progress(flown, all)` is called now and then; what it raises ends the work
     and is raised here.
+    """
+
+def rollout_asked(
+    scenarios: SupportsGetItem[int, str | Config],
+    law: Any,
+    period: SupportsFloat | None,
+    seeds: SupportsGetItem[int, bytes | bytearray],
+    progress: Any | None,
+    signals: SupportsGetItem[int, str] | None,
+    every: SupportsIndex,
+    loads: bool,
+) -> tuple[
+    NDArray[float64],
+    list[tuple[str, NDArray[float64]]],
+    tuple[NDArray[float64], NDArray[float64]] | None,
+]:
+    """
+    Flies many manoeuvres under a law that is called every `period` (s; without: every sample) with what it is
+    told of all of them, a row a manoeuvre, and returns torques of root and tip wheel (N m), a row a manoeuvre.
+    What it or `progress` raises ends the work and is raised here. The rest as `rollout`.
     """
 
 def sample_scenarios(config: Config, seeds: SupportsGetItem[int, bytes | bytearray]) -> str:

@@ -61,7 +61,7 @@ class Parameters(TypedDict, total=False):
     slew_max_accel: Drawn
     """Largest slew acceleration. Unit: rad/s^2."""
     slew_profile: SlewProfile | Sequence[SlewProfile] | Choices | Mapping[str, object]
-    """Slew profile: min_time or min_energy."""
+    """Slew profile: min_time, min_energy or table."""
     slew_smoothing: Drawn
     """Smoothing fraction of the slew profile."""
     deployment_start: Drawn
@@ -161,6 +161,14 @@ class Options(Parameters, total=False):
     """Motor model: fitted or printed constants."""
     slew_motor_torque_limit: SupportsFloat
     """Torque limit of the slew motor as an actuator. Unit: N m."""
+    motor_torque_limit: SupportsFloat | None
+    """Torque limit of the slew motor in open loop. Unit: N m."""
+    slew_final_time: SupportsFloat | None
+    """Duration of the slew, in the place of its acceleration. Unit: s."""
+    slew_times: Sequence[SupportsFloat] | NDArray[Any]
+    """Times of a slew profile that is a table. Unit: s."""
+    slew_accelerations: Sequence[SupportsFloat] | NDArray[Any]
+    """Accelerations at these times. Unit: rad/s^2."""
     control_period: SupportsFloat
     """Time between two actions. Unit: s."""
     actuators: Sequence[Actuator]

@@ -159,6 +159,12 @@ _LOADS = (
         "Power that the slew motor draws; negative where it brakes.",
         "motor_voltage i",
     ),
+    LoadEntry(
+        "motor_excess",
+        "N m",
+        "Torque of the open loop beyond what the motor gives (slew_motor.open_loop_limit).",
+        "max(0, |wanted S| - limit)",
+    ),
 )
 
 

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from drm_env import _engine, _html
 from drm_env._exports import frame, write_mat
-from drm_env._manoeuvres import check_decimation, check_flag, engine_scenario, law_json
+from drm_env._manoeuvres import (
+    AskedLaw,
+    check_decimation,
+    check_flag,
+    check_period,
+    engine_scenario,
+    is_callable,
+    law_json,
+)
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
     ConfigLike,
@@ -20,10 +28,9 @@ from drm_env.configuration import (
     resolve_options,
 )
 from drm_env.errors import ConfigError
-from drm_env.loads import metric_items
 from drm_env.network import Network
 from drm_env.resolved import ResolvedConfig
-from drm_env.simulation import LawLike, Trajectory
+from drm_env.simulation import LawLike, Trajectory, metrics_of, trajectory_of
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -78,11 +85,7 @@ class Rollout(dict[str, NDArray[np.float64]]):
         count = len(next(iter(self.values()), ()))
         if not -count <= index < count:
             raise IndexError(f"index must be below {count}, got {index}")
-        rows = {name: values[index] for name, values in self.trajectories.items()}
-        flown = [~np.isnan(row) for row in rows.values()]
-        samples = max((int(np.flatnonzero(row)[-1]) + 1 for row in flown if row.any()), default=0)
-        metrics = {name: float(values[index]) for name, values in self.items()}
-        return Trajectory({name: row[:samples] for name, row in rows.items()}, metrics)
+        return trajectory_of(index, self, self.trajectories)
 
     def to_frame(self) -> Any:
         """A `pandas.DataFrame` with a column for each metric and a row for each manoeuvre.
@@ -99,8 +102,8 @@ class Rollout(dict[str, NDArray[np.float64]]):
     def to_mat(self, path: str | PathLike[str]) -> None:
         """Writes a MATLAB file: a column of each metric, and kept signals in ``trajectories``.
 
-        ``trajectories`` is a structure with a matrix for each signal, a row a manoeuvre; it is there
-        if signals were kept.
+        ``trajectories`` is a structure with a matrix for each signal, a row a manoeuvre. It is
+        there if signals were kept.
 
         Raises
         ------
@@ -125,6 +128,10 @@ class Rollout(dict[str, NDArray[np.float64]]):
     def _repr_html_(self) -> str:
         """What Jupyter shows: the distribution of every metric."""
         return _html.rollout(self, self.trajectories)
+
+
+_NAMELESS = {"name": "none"}
+"""Stands for a callable where it is checked what goes together."""
 
 
 def _schedule(torques: Any, hold: Any, scenarios: int) -> tuple[NDArray[np.float64], int]:
@@ -200,6 +207,7 @@ def rollout(
     signals: Sequence[str] | None = None,
     decimation: int = 1,
     loads: bool = False,
+    law_period: float | None = None,
     **options: Unpack[Options],
 ) -> Rollout:
     """Flies many manoeuvres in parallel under a law, by a network or under given torques.
@@ -209,7 +217,9 @@ def rollout(
     scenarios
         as for `simulate`; see also `sample_scenarios`.
     law
-        as for `simulate`; without it and without a policy, ``"none"``.
+        as for `simulate`; without it and without a policy, ``"none"``. A callable is given one row
+        for each scenario, in their order, from the beginning to the end of the longest (of one that
+        has ended, the row it was last given), and returns as many; it is called on this thread.
     policy
         a network that acts in an environment, instead of a law. Its episodes are those of `DrmEnv`
         with each scenario in the place of the drawn one: they end at the horizon, by divergence or
@@ -237,6 +247,8 @@ def rollout(
     loads
         state ``<name>_peak``, the largest magnitude, and ``<name>_rms``, the root mean square, of
         each load of `load_signals` over all samples. That takes time; nothing else moves.
+    law_period
+        time between two calls of a law that is a callable, s, see `simulate`.
 
     Returns
     -------
@@ -283,13 +295,17 @@ def rollout(
     if torques is None and hold != 1:
         raise ConfigError(f"hold belongs to torques, got {hold!r} without torques")
     schedule = None if torques is None else _schedule(torques, hold, len(scenarios))
-    pilot = _pilot(law, policy, schedule, task, config, options)
+    period = check_period(law, law_period)
+    asked = AskedLaw(law, len(scenarios)) if is_callable(law) else None
+    pilot = _pilot(law if asked is None else _NAMELESS, policy, schedule, task, config, options)
     given = [engine_scenario(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
     seeds = seeds_of(seed, len(given))
-    rows, kept, measured = _engine.rollout(
-        given, pilot, seeds, num_threads, progress, signals, decimation, loads
-    )
-    metrics = dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
-    if measured is not None:
-        metrics |= dict(metric_items(*measured))
-    return Rollout(metrics, dict(kept))
+    if asked is not None:
+        rows, kept, measured = _engine.rollout_asked(
+            given, asked, period, seeds, progress, signals, decimation, loads
+        )
+    else:
+        rows, kept, measured = _engine.rollout(
+            given, pilot, seeds, num_threads, progress, signals, decimation, loads
+        )
+    return Rollout(metrics_of(rows, measured), dict(kept))

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from drm_env import _engine, _html
 from drm_env._exports import frame, write_mat
-from drm_env._manoeuvres import check_decimation, check_flag, engine_scenario, law_json
+from drm_env._manoeuvres import (
+    AskedLaw,
+    check_decimation,
+    check_flag,
+    check_period,
+    engine_scenario,
+    is_callable,
+    law_json,
+)
 from drm_env._seeding import seeds_of
 from drm_env.configuration import (
     ConfigLike,
@@ -40,7 +48,7 @@ _SCENARIO_BYTES = 12_000
 """What a scenario takes as a mapping, with its text."""
 
 ScenarioLike = "Scenario | Mapping[str, Any]"
-LawLike = str | Mapping[str, Any] | Any
+LawLike = str | Mapping[str, Any] | Callable[[NDArray[np.float64]], Any] | Any
 
 
 class Trajectory(dict[str, NDArray[np.float64]]):
@@ -83,7 +91,7 @@ class Trajectory(dict[str, NDArray[np.float64]]):
         return frame(self, "sample")
 
     def to_mat(self, path: str | PathLike[str]) -> None:
-        """Writes a MATLAB file: a column of each signal, and the metrics as the structure ``metrics``.
+        """Writes a MATLAB file: a column of each signal, and the structure ``metrics``.
 
         Raises
         ------
@@ -109,6 +117,32 @@ class Trajectory(dict[str, NDArray[np.float64]]):
         return _html.trajectory(self, self.metrics)
 
 
+def metrics_of(
+    rows: NDArray[np.float64],
+    measured: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
+) -> dict[str, NDArray[np.float64]]:
+    """Metrics of many manoeuvres by name, from what the engine returns."""
+    metrics = dict(zip(_engine.metric_names(), np.ascontiguousarray(rows.T), strict=True))
+    if measured is not None:
+        metrics |= dict(metric_items(*measured))
+    return metrics
+
+
+def trajectory_of(
+    index: int,
+    metrics: Mapping[str, NDArray[np.float64]],
+    signals: Mapping[str, NDArray[np.float64]],
+) -> Trajectory:
+    """One manoeuvre of many, up to its end."""
+    rows = {name: values[index] for name, values in signals.items()}
+    flown = [~np.isnan(row) for row in rows.values()]
+    samples = max((int(np.flatnonzero(row)[-1]) + 1 for row in flown if row.any()), default=0)
+    return Trajectory(
+        {name: row[:samples] for name, row in rows.items()},
+        {name: float(values[index]) for name, values in metrics.items()},
+    )
+
+
 def simulate(
     scenario: Scenario | ResolvedConfig | Mapping[str, Any] | None = None,
     law: LawLike = "none",
@@ -116,6 +150,7 @@ def simulate(
     decimation: int = 1,
     seed: int = 0,
     loads: bool = False,
+    law_period: float | None = None,
 ) -> Trajectory:
     """Flies one manoeuvre in closed loop.
 
@@ -126,8 +161,11 @@ def simulate(
         manoeuvre). ``None`` is all of it. A `ResolvedConfig` that draws nothing stands for the
         manoeuvre in it.
     law
-        a name (``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``) or a mapping of its
-        parameters.
+        a name (``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``), a mapping of its
+        parameters, or a callable: it is given what is measured and known, shape (1, k) with the
+        columns `ControlLaw.MEASUREMENTS`, and returns the torques of root and tip wheel, N m, shape
+        (1, 2), which are held until it is called again. What it raises ends the flight and is
+        raised here.
     decimation
         keep every so many samples of the sample period, the first and the last included.
     seed
@@ -135,6 +173,9 @@ def simulate(
     loads
         add the loads (see `load_signals`) to the signals, and to the metrics ``<name>_peak``, the
         largest magnitude, and ``<name>_rms``, the root mean square, of each over all samples.
+    law_period
+        time between two calls of a callable, s, a multiple of the sample period; ``None``: every
+        sample.
 
     Returns
     -------
@@ -150,7 +191,8 @@ def simulate(
     Raises
     ------
     ConfigError
-        an unknown name or an impossible value, with its path and the value.
+        an unknown name or an impossible value, with its path and the value; a callable whose
+        torques have another shape or are not finite.
 
     Examples
     --------
@@ -168,6 +210,20 @@ def simulate(
     check_decimation(decimation)
     check_flag("loads", loads)
     (first,) = seeds_of(seed, 1)
+    period = check_period(law, law_period)
+    if is_callable(law):
+        names = [*_engine.signal_names(), *(_engine.load_names() if loads else ())]
+        rows, kept, measured = _engine.rollout_asked(
+            [engine_scenario(scenario)],
+            AskedLaw(law, 1),
+            period,
+            [first],
+            None,
+            list(dict.fromkeys(names)),
+            decimation,
+            loads,
+        )
+        return trajectory_of(0, metrics_of(rows, measured), dict(kept))
     signals, metrics, measured = _engine.simulate(
         engine_scenario(scenario), law_json(law), decimation, first, loads
     )

@@ -15,7 +15,7 @@ use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
 use drm_env::plant::Torques;
 use drm_env::reference::Extension;
-use drm_env::rollout::{Pilot, SIGNAL_NAMES, fly_one_loaded};
+use drm_env::rollout::{Pilot, SIGNAL_NAMES, TOLD_NAMES as MEASUREMENTS, fly_one_loaded};
 use drm_env::simulation::loads::LOAD_NAMES;
 use drm_env::simulation::metrics::METRIC_NAMES;
 use drm_env::simulation::servo_model;
@@ -181,24 +181,6 @@ impl Model {
         ))
     }
 }
-
-/// What a law is told: the columns of its measurements.
-const MEASUREMENTS: [&str; 14] = [
-    "slew_error",
-    "slew_error_rate",
-    "link2_deflection",
-    "link2_deflection_rate",
-    "extension",
-    "extension_rate",
-    "reference_rate",
-    "reference_accel",
-    "slew_torque",
-    "root_momentum",
-    "tip_momentum",
-    "payload_mass",
-    "payload_length",
-    "payload_width",
-];
 
 /// Names of what a law is told, as in the observation.
 #[pyfunction]

@@ -2,6 +2,7 @@
 
 mod analysis;
 mod arrays;
+mod asked;
 mod batch;
 mod benchmark;
 mod config;
@@ -61,6 +62,8 @@ mod _engine {
         Law, Model, check_memory, load_names, measurement_names, sample_scenarios, signal_names,
         simulate, transitions,
     };
+    #[pymodule_export]
+    use super::asked::rollout_asked;
     #[pymodule_export]
     use super::batch::{Batch, panic_after_parts};
     #[pymodule_export]

@@ -4,7 +4,7 @@ use drm_env::config::law_from_json;
 use drm_env::control::mlp::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
-use drm_env::rollout::{self as flights, Options, Pilot, Recording, Schedule};
+use drm_env::rollout::{self as flights, Flown, Options, Pilot, Recording, Schedule};
 use drm_env::{interruption, memory};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -96,13 +96,52 @@ impl Network {
     }
 }
 
+/// Metrics, a row a manoeuvre; for each signal its values, a row a manoeuvre; peaks and root mean squares of
+/// the loads, a row a manoeuvre.
+pub(crate) type Returned<'py> = (
+    Out2<'py, f64>,
+    Vec<(&'static str, Out2<'py, f64>)>,
+    Option<(Out2<'py, f64>, Out2<'py, f64>)>,
+);
+
+/// What is to be kept of manoeuvres.
+pub(crate) fn recording(
+    signals: Option<Vec<String>>,
+    every: Count,
+    loads: bool,
+) -> Result<Option<Recording>, ConfigError> {
+    if signals.is_none() && !loads {
+        return Ok(None);
+    }
+    let kept = Recording::new(&signals.unwrap_or_default(), every.0)?;
+    Ok(Some(if loads { kept.with_loads() } else { kept }))
+}
+
+/// What has been flown as arrays.
+pub(crate) fn returned(py: Python<'_>, count: usize, flown: Flown) -> Returned<'_> {
+    let rows: Vec<_> = flown.metrics.iter().map(|m| m.values()).collect();
+    let mut kept = Vec::new();
+    if let Some(trajectories) = flown.trajectories {
+        let shape = (count, trajectories.samples);
+        for (name, values) in trajectories.signals {
+            kept.push((name, Out2::new(py, shape, values)));
+        }
+    }
+    let loads = flown.loads.map(|loads| {
+        let peaks = loads.iter().map(|loads| loads.peak).collect();
+        let squares = loads.iter().map(|loads| loads.rms).collect();
+        (Out2::matrix(py, peaks), Out2::matrix(py, squares))
+    });
+    (Out2::matrix(py, rows), kept, loads)
+}
+
 /// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
 /// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
 /// `every`-th sample, and with `loads` their peaks and root mean squares, a row a manoeuvre each. `progress(flown, all)` is called now and then; what it raises ends the work
 /// and is raised here.
 #[pyfunction]
 #[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every, loads=false))]
-#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+#[allow(clippy::too_many_arguments)]
 pub(crate) fn rollout<'py>(
     py: Python<'py>,
     scenarios: Vec<Manoeuvre>,
@@ -117,11 +156,7 @@ pub(crate) fn rollout<'py>(
     signals: Option<Vec<String>>,
     every: Count,
     loads: bool,
-) -> Outcome<(
-    Out2<'py, f64>,
-    Vec<(&'static str, Out2<'py, f64>)>,
-    Option<(Out2<'py, f64>, Out2<'py, f64>)>,
-)> {
+) -> Outcome<Returned<'py>> {
     let num_threads = within_processors(py, num_threads)?;
     let mut raised: Option<PyErr> = None;
     let count = scenarios.len();
@@ -151,13 +186,7 @@ pub(crate) fn rollout<'py>(
                 return Err(Error::from(ConfigError::form("pilot", message)));
             }
         };
-        let recording = match (signals, loads) {
-            (None, false) => None,
-            (signals, false) => Some(Recording::new(&signals.unwrap_or_default(), every.0)?),
-            (signals, true) => {
-                Some(Recording::new(&signals.unwrap_or_default(), every.0)?.with_loads())
-            }
-        };
+        let recording = recording(signals, every, loads)?;
         let scenarios = scenarios
             .iter()
             .enumerate()
@@ -184,19 +213,5 @@ pub(crate) fn rollout<'py>(
     if let Some(error) = raised {
         return Err(Failure::from(error));
     }
-    let flown = result?;
-    let rows: Vec<_> = flown.metrics.iter().map(|m| m.values()).collect();
-    let mut kept = Vec::new();
-    if let Some(trajectories) = flown.trajectories {
-        let shape = (count, trajectories.samples);
-        for (name, values) in trajectories.signals {
-            kept.push((name, Out2::new(py, shape, values)));
-        }
-    }
-    let loads = flown.loads.map(|loads| {
-        let peaks = loads.iter().map(|loads| loads.peak).collect();
-        let squares = loads.iter().map(|loads| loads.rms).collect();
-        (Out2::matrix(py, peaks), Out2::matrix(py, squares))
-    });
-    Ok((Out2::matrix(py, rows), kept, loads))
+    Ok(returned(py, count, result?))
 }

@@ -70,6 +70,30 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Torque limit of the slew motor as an actuator.",
     ),
     (
+        "motor_torque_limit",
+        "scenario.slew_motor.open_loop_limit",
+        "N m",
+        "Torque limit of the slew motor in open loop.",
+    ),
+    (
+        "slew_final_time",
+        "scenario.slew.final_time",
+        "s",
+        "Duration of the slew, in the place of its acceleration.",
+    ),
+    (
+        "slew_times",
+        "scenario.slew.times",
+        "s",
+        "Times of a slew profile that is a table.",
+    ),
+    (
+        "slew_accelerations",
+        "scenario.slew.accelerations",
+        "rad/s^2",
+        "Accelerations at these times.",
+    ),
+    (
         "control_period",
         "task.control_period",
         "s",

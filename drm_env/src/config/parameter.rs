@@ -154,7 +154,7 @@ macro_rules! alternatives {
 }
 
 alternatives!(PayloadInertia: Full = "full", Slender = "slender");
-alternatives!(SlewProfile: MinTime = "min_time", MinEnergy = "min_energy");
+alternatives!(SlewProfile: MinTime = "min_time", MinEnergy = "min_energy", Table = "table");
 alternatives!(DeploymentMode:
     Coincident = "coincident", ForceLimited = "force_limited", None = "none");
 
@@ -217,7 +217,7 @@ scenario_parameters! {
     reported_payload_width = reported_payload.width, "m", "Reported payload width.";
     slew_angle = slew.angle, "rad", "Angle to slew through.";
     slew_max_accel = slew.max_accel, "rad/s^2", "Largest slew acceleration.";
-    slew_profile = slew.profile, "-", "Slew profile: min_time or min_energy.";
+    slew_profile = slew.profile, "-", "Slew profile: min_time, min_energy or table.";
     slew_smoothing = slew.smoothing, "-", "Smoothing fraction of the slew profile.";
     deployment_start = deployment.start, "m", "Extension of link 2 at the beginning.";
     deployment_end = deployment.end, "m", "Extension of link 2 at the end.";

@@ -223,6 +223,9 @@ impl Scenario {
         self.delay_samples("root_wheel.dead_time", root.dead_time)?;
         self.delay_samples("tip_wheel.dead_time", tip.dead_time)?;
         positive("slew_motor.torque_limit", self.slew_motor.torque_limit)?;
+        if let Some(limit) = self.slew_motor.open_loop_limit {
+            positive("slew_motor.open_loop_limit", limit)?;
+        }
         self.sensors.validate().map_err(|e| e.within("sensors"))?;
         self.delay_samples("sensors.delay", self.sensors.delay)?;
         self.dynamics.validate().map_err(|e| e.within("dynamics"))?;
@@ -379,6 +382,8 @@ impl Scenario {
             horizon,
             ..Self::default()
         };
+        (common.slew.final_time, common.slew.times) = (self.slew.final_time, self.slew.times);
+        common.slew.accelerations = self.slew.accelerations;
         common.dynamics.structural_damping = 0.0;
         common.dynamics.damping_ratio = 0.0;
         common

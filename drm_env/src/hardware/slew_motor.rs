@@ -98,9 +98,11 @@ impl<T: Lane> CurrentGains<T> {
 pub struct SlewMotor {
     /// Drag and inertia of the motor model.
     pub constants: MotorConstants,
-    /// Largest torque at the shoulder, N m, when an agent drives the motor; the open-loop law is
-    /// not limited.
+    /// Largest torque at the shoulder, N m, when an agent drives the motor.
     pub torque_limit: f64,
+    /// Largest torque at the shoulder, N m, that the motor gives of what the open loop asks for; null is
+    /// no limit. What is missing leaves the arm behind its reference, or beyond it.
+    pub open_loop_limit: Option<f64>,
 }
 
 impl Default for SlewMotor {
@@ -109,6 +111,7 @@ impl Default for SlewMotor {
         Self {
             constants: MotorConstants::Fitted,
             torque_limit: 5000.0,
+            open_loop_limit: None,
         }
     }
 }

@@ -110,6 +110,8 @@ laned!(Torques { slew, root, tip });
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidInertia<T> {
     coefficients: [T; 3],
+    /// Largest torque of the inverse dynamics, N m; infinite without a limit.
+    limit: T,
 }
 
 impl RigidInertia<f64> {
@@ -133,6 +135,7 @@ impl RigidInertia<f64> {
                 rho2 * link2[1] + mp * (2.0 * l1 + lp),
                 rho2 * link2[2] + mp,
             ],
+            limit: f64::INFINITY,
         }
     }
 
@@ -146,11 +149,24 @@ impl RigidInertia<f64> {
                 mp * (2.0 * l1 + lp),
                 mp,
             ],
+            limit: f64::INFINITY,
+        }
+    }
+
+    /// The same for a motor that gives so much at most, N m.
+    #[must_use]
+    pub fn with_motor(self, limit: Option<f64>) -> Self {
+        Self {
+            limit: limit.unwrap_or(f64::INFINITY),
+            ..self
         }
     }
 }
 
-laned!(RigidInertia { coefficients });
+laned!(RigidInertia {
+    coefficients,
+    limit
+});
 
 impl RigidInertia<f64> {
     /// c0, c1 and c2.
@@ -173,9 +189,17 @@ impl<T: Lane> RigidInertia<T> {
         (c2 * 2.0).mul_add(a, c1)
     }
 
-    /// Rigid inverse dynamics S = I th'' + (dI/da) a' th' (thesis equation 3.2.1), N m.
+    /// Rigid inverse dynamics S = I th'' + (dI/da) a' th' (thesis equation 3.2.1), N m, as far as the motor
+    /// gives it.
     #[inline(always)]
     pub fn slew_torque(&self, extension: &Extension<T>, rate: T, accel: T) -> T {
+        self.wanted_torque(extension, rate, accel)
+            .limited(-self.limit, self.limit)
+    }
+
+    /// [`RigidInertia::slew_torque`] of a motor without a limit.
+    #[inline(always)]
+    pub fn wanted_torque(&self, extension: &Extension<T>, rate: T, accel: T) -> T {
         let a = extension.length;
         self.at(a)
             .mul_add(accel, self.slope(a) * (extension.rate * rate))

@@ -2,6 +2,7 @@
 
 pub mod deployment;
 pub mod extension;
+pub mod series;
 pub mod slew;
 pub mod timeline;
 

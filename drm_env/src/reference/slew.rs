@@ -4,9 +4,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::check::finite;
-use crate::check::positive;
+use crate::check::{finite, non_negative, positive};
 use crate::error::ConfigError;
+use crate::reference::series::Series;
 
 /// Family of slew acceleration profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -17,21 +17,29 @@ pub enum SlewProfile {
     MinTime,
     /// Linearly falling acceleration; smoothed: the near-minimum-energy form.
     MinEnergy,
+    /// Accelerations at times that are given.
+    Table,
 }
 
 /// The slew as a user states it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Slew {
-    /// Angle to slew through, rad; its sign is the direction.
+    /// Angle to slew through, rad; its sign is the direction. A table turns through its own.
     pub angle: f64,
-    /// Largest angular acceleration, rad/s^2.
+    /// Largest angular acceleration, rad/s^2. Not of a table, nor where the final time is given.
     pub max_accel: f64,
     /// Family of the profile.
     pub profile: SlewProfile,
     /// Smoothing fraction phi of the slew time: 0 (not smoothed) to below 1/4 for minimum time,
     /// below 1/2 for minimum energy.
     pub smoothing: f64,
+    /// Duration, s, from which the acceleration follows (thesis section 3.2.4); null takes `max_accel`.
+    pub final_time: Option<f64>,
+    /// Times of a table, s, rising; at one that is given twice the acceleration jumps.
+    pub times: Series,
+    /// Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest.
+    pub accelerations: Series,
 }
 
 impl Default for Slew {
@@ -42,9 +50,15 @@ impl Default for Slew {
             max_accel: 0.02,
             profile: SlewProfile::MinTime,
             smoothing: 0.0,
+            final_time: None,
+            times: Series::default(),
+            accelerations: Series::default(),
         }
     }
 }
+
+/// Part of the largest rate that a table may leave at its end: more is no rounding.
+const RESTING_PART: f64 = 1e-6;
 
 /// One cubic piece of the reference: acceleration `c[0] + c[1] u + c[2] u^2 + c[3] u^3`, `u` the
 /// time since its start.
@@ -76,14 +90,27 @@ impl Slew {
     /// Refuses values without a profile.
     ///
     /// # Errors
-    /// An angle, acceleration or smoothing that no slew has, with its name.
+    /// An angle, acceleration, smoothing, final time or table that no slew has, with its name.
     pub fn validate(&self) -> Result<(), ConfigError> {
         finite("angle", self.angle)?;
         positive("max_accel", self.max_accel)?;
+        if let Some(time) = self.final_time {
+            positive("final_time", time)?;
+        }
         let limit = match self.profile {
             SlewProfile::MinTime => 0.25,
             SlewProfile::MinEnergy => 0.5,
+            SlewProfile::Table => return self.validate_table(),
         };
+        for (name, series) in [
+            ("times", &self.times),
+            ("accelerations", &self.accelerations),
+        ] {
+            if !series.values().is_empty() {
+                let requirement = "must be empty: only the profile \"table\" has any";
+                return Err(ConfigError::value(name, requirement, format!("{series:?}")));
+            }
+        }
         if !(0.0..limit).contains(&self.smoothing) {
             return Err(ConfigError::value(
                 "smoothing",
@@ -104,28 +131,150 @@ impl Slew {
         if self.pieces().iter().all(is_finite) {
             return Ok(());
         }
+        let (name, value) = match self.final_time {
+            Some(time) if self.smoothing == 0.0 => ("final_time", time),
+            _ => ("smoothing", self.smoothing),
+        };
         Err(ConfigError::value(
-            "smoothing",
+            name,
             "must be 0 or long enough to be computed with at this angle and acceleration",
-            self.smoothing,
+            value,
         ))
+    }
+
+    fn validate_table(&self) -> Result<(), ConfigError> {
+        let (times, accels) = (self.times.values(), self.accelerations.values());
+        if let Some(time) = self.final_time {
+            let requirement = "must be null: a table has its own";
+            return Err(ConfigError::value("final_time", requirement, time));
+        }
+        if self.smoothing != 0.0 {
+            let requirement = "must be 0 for a table";
+            return Err(ConfigError::value("smoothing", requirement, self.smoothing));
+        }
+        if times.len() < 2 {
+            let requirement = "must have at least 2 entries for a table";
+            return Err(ConfigError::value("times", requirement, times.len()));
+        }
+        if times.len() != accels.len() {
+            let requirement = format!("must have {} entries, one for each time", times.len());
+            return Err(ConfigError::value(
+                "accelerations",
+                requirement,
+                accels.len(),
+            ));
+        }
+        for (i, time) in times.iter().enumerate() {
+            let path = format!("times[{i}]");
+            non_negative(&path, *time)?;
+            if i > 0 && times[i - 1] > *time {
+                let requirement = format!("must not be before the {} s ahead of it", times[i - 1]);
+                return Err(ConfigError::value(path, requirement, *time));
+            }
+            if i > 1 && times[i - 2] == *time {
+                let requirement = "must not be given more than twice";
+                return Err(ConfigError::value(path, requirement, *time));
+            }
+            finite(&format!("accelerations[{i}]"), accels[i])?;
+        }
+        let pieces = self.table_pieces();
+        let rates = pieces.iter().map(|piece| piece.rate.abs());
+        let largest = rates.fold(0.0_f64, f64::max);
+        let left = pieces.last().map_or(0.0, |piece| piece.rate);
+        if left.abs() <= RESTING_PART * largest {
+            return Ok(());
+        }
+        Err(ConfigError::value(
+            "accelerations",
+            format!("must bring the arm to rest (within {RESTING_PART} of the largest rate)"),
+            format!("a final rate of {left} rad/s"),
+        ))
+    }
+
+    /// Angle that the profile turns through, rad.
+    pub fn target(&self) -> f64 {
+        match self.profile {
+            SlewProfile::Table => self.table_pieces().last().map_or(0.0, |piece| piece.angle),
+            SlewProfile::MinTime | SlewProfile::MinEnergy => self.angle,
+        }
+    }
+
+    /// Angle over largest acceleration and square of the final time.
+    fn shape(&self) -> f64 {
+        let phi = self.smoothing;
+        match self.profile {
+            SlewProfile::MinEnergy => 1.0 / 6.0 - phi / 6.0 - phi * phi / 30.0,
+            SlewProfile::MinTime | SlewProfile::Table => 0.25 - phi / 2.0 + phi * phi / 10.0,
+        }
     }
 
     /// Exact final time, s: the profile's first integral is zero and its second the angle.
     pub fn final_time(&self) -> f64 {
-        let phi = self.smoothing;
-        let shape = match self.profile {
-            SlewProfile::MinTime => 0.25 - phi / 2.0 + phi * phi / 10.0,
-            SlewProfile::MinEnergy => 1.0 / 6.0 - phi / 6.0 - phi * phi / 30.0,
+        match (self.profile, self.final_time) {
+            (SlewProfile::Table, _) => self.times.values().last().map_or(0.0, |time| *time),
+            (_, Some(time)) => time,
+            _ => libm::sqrt(self.angle.abs() / (self.max_accel * self.shape())),
+        }
+    }
+
+    /// Largest angular acceleration, rad/s^2: what is given, or what the final time or the table takes.
+    pub fn largest_accel(&self) -> f64 {
+        match (self.profile, self.final_time) {
+            (SlewProfile::Table, _) => {
+                let accels = self.accelerations.values().iter();
+                accels.fold(0.0_f64, |largest, accel| largest.max(accel.abs()))
+            }
+            (_, Some(time)) => self.angle.abs() / (self.shape() * time * time),
+            _ => self.max_accel,
+        }
+    }
+
+    /// The pieces of a table, and behind them the state that it ends in.
+    fn table_pieces(&self) -> Vec<SlewPiece> {
+        let (times, accels) = (self.times.values(), self.accelerations.values());
+        let mut pieces: Vec<SlewPiece> = Vec::with_capacity(times.len() + 1);
+        let first = times.first().copied().unwrap_or(0.0);
+        let mut next = SlewPiece {
+            start: 0.0,
+            accel: [0.0; 4],
+            rate: 0.0,
+            angle: 0.0,
         };
-        libm::sqrt(self.angle.abs() / (self.max_accel * shape))
+        if first > 0.0 {
+            pieces.push(next);
+            next.start = first;
+        }
+        for (time, accel) in times.windows(2).zip(accels.windows(2)) {
+            let span = time[1] - time[0];
+            if span > 0.0 {
+                next.accel = [accel[0], (accel[1] - accel[0]) / span, 0.0, 0.0];
+                pieces.push(next);
+                let (angle, rate, _) = next.at(span);
+                next = SlewPiece {
+                    start: time[1],
+                    accel: [0.0; 4],
+                    rate,
+                    angle,
+                };
+            }
+        }
+        pieces.push(next);
+        pieces
     }
 
     /// The pieces from t = 0, the last of which (at rest at the final angle) has no end.
     pub fn pieces(&self) -> Vec<SlewPiece> {
         let tf = self.final_time();
+        if self.profile == SlewProfile::Table {
+            let mut pieces = self.table_pieces();
+            // at rest but for rounding
+            if let Some(last) = pieces.last_mut() {
+                last.rate = 0.0;
+            }
+            return pieces;
+        }
         let ta = self.smoothing * tf;
-        let w = self.max_accel.copysign(self.angle);
+        let w = self.largest_accel().copysign(self.angle);
         // p(u) = u^2 (3 - 2 u), the smooth step of the thesis, over a duration d
         let rise = |d: f64| [0.0, 0.0, 3.0 / (d * d), -2.0 / (d * d * d)];
         let mut shapes: Vec<(f64, [f64; 4])> = Vec::with_capacity(6);
@@ -145,6 +294,7 @@ impl Slew {
                     shapes.push((tf / 2.0 + ta, [-1.0, 0.0, 0.0, 0.0]));
                     shapes.push((tf - ta, [-1.0, 0.0, r2, r3]));
                 }
+                (SlewProfile::Table, _) => {}
                 (SlewProfile::MinEnergy, false) => {
                     shapes.push((0.0, [1.0, -2.0 / tf, 0.0, 0.0]));
                 }

@@ -34,7 +34,7 @@ pub fn stage(scenario: &Scenario, magnification: f64) -> Result<Stage, ConfigErr
     Ok(Stage {
         link1_length: scenario.arm.link1.length,
         link2_length: scenario.arm.link2.length,
-        target_angle: scenario.slew.angle,
+        target_angle: scenario.slew.target(),
         path: (0..=INSTANTS).map(at).collect(),
         payload_mass: plan.payload.mass,
         reported_mass: plan.reported.mass,

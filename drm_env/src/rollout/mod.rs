@@ -2,6 +2,7 @@
 //! environment: one with its trajectory, or many in parallel with their metrics and, if wanted, some of
 //! their signals.
 
+mod asked;
 pub(crate) mod law;
 mod network;
 mod pilot;
@@ -26,6 +27,7 @@ use crate::simulation::metrics::Metrics;
 
 use queue::{Ended, Queue};
 
+pub use asked::{Asked, TOLD, TOLD_NAMES, fly_asked};
 pub use law::Schedule;
 pub use pilot::Pilot;
 pub use recorder::{Recording, Trajectories, recordable};
@@ -62,6 +64,38 @@ pub struct Flown {
     pub trajectories: Option<Trajectories>,
     /// Loads, one a scenario, if they were wanted.
     pub loads: Option<Vec<LoadMetrics>>,
+}
+
+impl Flown {
+    /// Room for what these manoeuvres will return.
+    ///
+    /// # Errors
+    /// See [`Trajectories::new`].
+    fn room(
+        scenarios: &[ValidScenario],
+        recording: Option<&Recording>,
+    ) -> Result<Self, ConfigError> {
+        Ok(Self {
+            metrics: vec![Metrics::default(); scenarios.len()],
+            trajectories: recording
+                .map(|recording| Trajectories::new(recording, scenarios))
+                .transpose()?,
+            loads: recording
+                .filter(|recording| recording.measures_loads())
+                .map(|_| vec![LoadMetrics::VOID; scenarios.len()]),
+        })
+    }
+
+    /// Takes up one that has ended.
+    fn take(&mut self, index: usize, Ended { metrics, kept }: Ended) {
+        self.metrics[index] = metrics;
+        if let Some(trajectories) = &mut self.trajectories {
+            trajectories.put(index, &kept.rows);
+        }
+        if let (Some(all), Some(loads)) = (&mut self.loads, kept.loads) {
+            all[index] = loads;
+        }
+    }
 }
 
 /// Longest time between two calls of `progress`, and between an interruption and its notice.
@@ -140,15 +174,7 @@ fn fly_watched(
         "a smaller number",
     )?;
     let recording = options.recording.as_ref();
-    let mut flown = Flown {
-        metrics: vec![Metrics::default(); scenarios.len()],
-        trajectories: recording
-            .map(|recording| Trajectories::new(recording, scenarios))
-            .transpose()?,
-        loads: recording
-            .filter(|recording| recording.measures_loads())
-            .map(|_| vec![LoadMetrics::VOID; scenarios.len()]),
-    };
+    let mut flown = Flown::room(scenarios, recording)?;
     let available = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = options.threads.unwrap_or(available);
     let threads = threads.max(1).min(scenarios.len());
@@ -287,14 +313,8 @@ fn collect(
     let mut reported = Instant::now();
     loop {
         match finished.recv_timeout(REPORT_PERIOD) {
-            Ok((index, Ok(Ended { metrics, kept }))) => {
-                flown.metrics[index] = metrics;
-                if let Some(trajectories) = &mut flown.trajectories {
-                    trajectories.put(index, &kept.rows);
-                }
-                if let (Some(all), Some(loads)) = (&mut flown.loads, kept.loads) {
-                    all[index] = loads;
-                }
+            Ok((index, Ok(ended))) => {
+                flown.take(index, ended);
                 count += 1;
             }
             Ok((_, Err(error))) => {

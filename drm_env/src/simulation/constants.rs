@@ -85,7 +85,8 @@ impl LaneConstants<f64> {
         };
         let arm = &plan.scenario.arm;
         Self {
-            inertia: RigidInertia::new(arm, &plan.reported),
+            inertia: RigidInertia::new(arm, &plan.reported)
+                .with_motor(plan.scenario.slew_motor.open_loop_limit),
             payload_inertia: RigidInertia::of_payload(arm, &plan.reported),
             known: KnownInertia::new(arm, &plan.reported),
             root: limits(&plan.root),

@@ -5,10 +5,10 @@ use super::Flight;
 use crate::hardware::slew_motor::{
     ARMATURE_RESISTANCE, BACK_EMF_CONSTANT, CurrentGains, GEAR_RATIO,
 };
-use crate::plant::Torques;
 use crate::plant::consistent::{CAPACITY, ConsistentPlant};
 use crate::plant::loads::{LoadModel, Moving};
 use crate::plant::thesis::{Constants, Prepared};
+use crate::plant::{RigidInertia, Torques};
 use crate::reference::Extension;
 use crate::reference::timeline::Reference;
 use crate::simd::{Laned, Number};
@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// Names of the loads, in the order of [`Loads`]; N m, N, N m s, m, m/s^2, rad/s, A, V, W and J. See
 /// docs/loads.md for what they are.
-pub const LOAD_NAMES: [&str; 21] = [
+pub const LOAD_NAMES: [&str; 22] = [
     "root_bending_moment_link1",
     "root_bending_moment_link2",
     "root_shear_link1",
@@ -39,6 +39,7 @@ pub const LOAD_NAMES: [&str; 21] = [
     "motor_power",
     "motor_energy",
     "motor_input_power",
+    "motor_excess",
 ];
 
 /// Every load at one instant, in the order of [`LOAD_NAMES`].
@@ -48,7 +49,7 @@ pub type Loads = [f64; LOAD_NAMES.len()];
 #[derive(Debug, Clone)]
 enum Body {
     Thesis {
-        constants: Constants<f64>,
+        constants: Box<Constants<f64>>,
         axial_load: bool,
         following: bool,
     },
@@ -61,6 +62,7 @@ pub(crate) struct LoadMeter {
     model: LoadModel,
     body: Body,
     current: CurrentGains<f64>,
+    inertia: RigidInertia<f64>,
     link1_length: f64,
     sample_period: f64,
 }
@@ -85,7 +87,7 @@ impl LoadMeter {
             AnyPlant::Thesis(constants) => {
                 let following = dynamics.particle_following;
                 let body = Body::Thesis {
-                    constants,
+                    constants: Box::new(constants),
                     axial_load: dynamics.axial_load,
                     following,
                 };
@@ -100,6 +102,7 @@ impl LoadMeter {
             model,
             body,
             current: flight.fixed.current.lane_of(lane),
+            inertia: flight.fixed.inertia.lane_of(lane),
             link1_length: scenario.arm.link1.length,
             sample_period: flight.sample_period(),
         })
@@ -176,6 +179,12 @@ impl LoadMeter {
             |[along, across]: [f64; 2]| [along * cos - across * sin, along * sin + across * cos];
         let [base_x, base_y] = turn(found.base);
         let [tip_x, tip_y] = turn([self.link1_length + extension.length, found.tip]);
+        let wanted = self
+            .inertia
+            .wanted_torque(extension, reference.rate, reference.accel);
+        let given = self
+            .inertia
+            .slew_torque(extension, reference.rate, reference.accel);
         let current = self.current.current(slew, reference.rate, reference.accel);
         let voltage =
             ARMATURE_RESISTANCE * current + BACK_EMF_CONSTANT * GEAR_RATIO * reference.rate;
@@ -202,6 +211,7 @@ impl LoadMeter {
             ARMATURE_RESISTANCE * current * current,
             *energy,
             voltage * current,
+            (wanted - given).abs(),
         ]
     }
 }

@@ -212,7 +212,7 @@ impl Flight<f64> {
         let found = self.common.metrics.metrics(
             self.shared.sample_period,
             self.slew_end(),
-            self.scenario().slew.angle.abs(),
+            self.scenario().slew.target().abs(),
             energy,
             diverged,
             episode_return,

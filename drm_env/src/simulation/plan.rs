@@ -112,17 +112,20 @@ impl Plan {
 
     /// Sign of the slew: 1 or -1.
     pub fn direction(&self) -> f64 {
-        1.0_f64.copysign(self.scenario.slew.angle)
+        1.0_f64.copysign(self.scenario.slew.target())
     }
 
-    /// Open-loop torque of the slew motor, N m: rigid inverse dynamics of the reported arm.
+    /// Open-loop torque of the slew motor, N m: rigid inverse dynamics of the reported arm, as far as the
+    /// motor gives it.
     pub fn slew_torque(&self, time: f64) -> f64 {
         let reference = self.timeline.reference(time);
-        RigidInertia::new(&self.scenario.arm, &self.reported).slew_torque(
-            &self.timeline.extension(time),
-            reference.rate,
-            reference.accel,
-        )
+        RigidInertia::new(&self.scenario.arm, &self.reported)
+            .with_motor(self.scenario.slew_motor.open_loop_limit)
+            .slew_torque(
+                &self.timeline.extension(time),
+                reference.rate,
+                reference.accel,
+            )
     }
 
     /// Whether commands and outputs pass as they are.
