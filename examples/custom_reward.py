@@ -6,6 +6,7 @@ a wrapper: it reads true signals, which no policy sees.
 
 import argparse
 from pathlib import Path
+from typing import Any, SupportsFloat
 
 import gymnasium as gym
 from matplotlib.figure import Figure
@@ -18,24 +19,26 @@ options.add_argument("--out", type=Path, default=Path("custom_reward.png"))
 given = options.parse_args()
 
 
-class Gentle(gym.Wrapper):
+class Gentle(gym.Wrapper[Any, Any, Any, Any]):
     """Pays for every step in which the tip swings by less than 5 mm."""
 
-    def step(self, action):
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         observation, _, terminated, truncated, info = self.env.step(action)
-        deflection = self.unwrapped.signals()["tip_deflection"]
+        deflection = self.get_wrapper_attr("signals")()["tip_deflection"]
         return observation, float(abs(deflection) < 5e-3), terminated, truncated, info
 
 
 env = Gentle(gym.make("drm_env/SlewThesis-v0", reward={"effort": 0.1}))
 policy = make_policy("lyapunov", env=env)
 observation, info = env.reset(seed=0)
-state, start, ended, paid = None, [True], False, []
+start, ended = [True], False
+state: Any = None
+paid: list[float] = []
 while not ended:
     action, state = policy.predict(observation, state, start)
     observation, reward, terminated, truncated, info = env.step(action)
     ended, start = terminated or truncated, [False]
-    paid.append(reward)
+    paid.append(float(reward))
 print(f"paid for {sum(paid):.0f} of {len(paid)} steps")
 
 flight = drm_env.simulate(law="lyapunov")

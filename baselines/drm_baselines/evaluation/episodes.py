@@ -20,7 +20,7 @@ import drm_env
 from drm_baselines.evaluation.environments import scenarios_of, task_of
 from drm_baselines.evaluation.records import Episodes
 from drm_baselines.policies.compatibility import check_period
-from drm_baselines.policies.law_policy import LawPolicy, Policy
+from drm_baselines.policies.law_policy import LawPolicy, Predictor
 from drm_baselines.policies.perceptron import NetworkPolicy
 from drm_baselines.policies.pilots import LawPilot, Pilot
 from drm_baselines.support import cores
@@ -155,7 +155,7 @@ def fly_pilot(
 
 
 def fly_policy(
-    policy: Policy,
+    policy: Predictor,
     env_id: str,
     config: Config,
     *,
@@ -242,7 +242,7 @@ def fly_policy(
 
 
 def _fly_chunk(
-    policy: Policy, env_id: str, config: drm_env.ResolvedConfig, seed: int, count: int
+    policy: Predictor, env_id: str, config: drm_env.ResolvedConfig, seed: int, count: int
 ) -> dict[str, NDArray[np.float64]]:
     env = gym.make_vec(env_id, num_envs=count, config=config, num_threads=cores.given())
     try:

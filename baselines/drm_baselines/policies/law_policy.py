@@ -44,6 +44,19 @@ class Policy(Protocol):
         """Return actions in [-1, 1] and the policy's state."""
 
 
+class Predictor(Protocol):
+    """What flies and says nothing else of itself: models of Stable-Baselines3, anybody's class."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
+        """Return actions in [-1, 1] and the policy's state."""
+
+
 _LIMITS = ("root_torque_limit", "tip_torque_limit")
 
 _ARM = ("link1_length", "link2_mass_per_length", "payload_inertia")
