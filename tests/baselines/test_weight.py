@@ -199,6 +199,12 @@ def refused(done: subprocess.CompletedProcess[str], extra: str) -> str:
         (("imitate", "--out", "OUT"), "learn", "clarabel, scipy and torch"),
         (("tune", "lqr", "--out", "OUT"), "tune", "clarabel, optuna and scipy"),
         (("benchmark", "--out", "OUT"), "report", "jinja2 and pyarrow"),
+        (("sweep", "--out", "OUT"), "report", "matplotlib, pyarrow and scipy"),
+        (
+            ("train", "--seeds", "0-1", "--out", "OUT"),
+            "learn",
+            "scipy, stable_baselines3 and torch",
+        ),
         (("demo", "--out", "OUT"), "learn", "torch"),
         (("reproduce", "--out", "OUT"), "evaluate", "matplotlib and scipy"),
         (("bench", "--only", "kernel", "--out", "OUT"), "bench", "matplotlib"),
@@ -213,6 +219,14 @@ def test_a_command_names_the_extra_before_it_does_anything(
     line = refused(drm(*given), extra)
     assert f"needs {packages}, " in line or f"{packages}, which" in line
     assert not out.exists()
+
+
+def test_a_cluster_names_its_extra(tmp_path: Path) -> None:
+    names = (*CLI, "clarabel", "jinja2", "matplotlib", "pyarrow", "scipy")
+    for command in ("sweep", "benchmark"):
+        done = drm(command, "--ray", "--out", tmp_path / "out", names=names)
+        assert "needs ray, which" in refused(done, "scale")
+    assert not (tmp_path / "out").exists()
 
 
 def test_parquet_names_its_extra_and_csv_needs_none(tmp_path: Path) -> None:

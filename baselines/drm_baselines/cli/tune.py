@@ -15,6 +15,7 @@ from drm_baselines.cli.common import (
     MOST_TRIALS,
     guarded,
 )
+from drm_baselines.cli.sharing import ProcessesOption, RayOption, place_of
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.extras import require
@@ -128,6 +129,18 @@ def tune(
             show_default=False,
         ),
     ] = None,
+    at_once: Annotated[
+        int,
+        typer.Option(
+            "--at-once",
+            min=1,
+            max=1024,
+            help="Trials that are drawn together, knowing those before them alone, and so can be "
+            "run side by side. The digits depend on this number, and not on where trials are run.",
+        ),
+    ] = 1,
+    ray: RayOption = None,
+    processes: ProcessesOption = 1,
     package: Annotated[
         bool,
         typer.Option(
@@ -149,6 +162,9 @@ def tune(
     what is there) and ends with the same digits; more --trials extend one.
     """
     require("drm tune", "tune", "clarabel", "optuna", "scipy")
+    if at_once == 1 and (ray is not None or processes != 1):
+        raise BaselineError("--ray and --processes share out the trials of --at-once, which is 1")
+    place = place_of(ray, processes)
     with leaving_at_once():
         from drm_baselines.tuning import (
             laws,
@@ -174,10 +190,11 @@ def tune(
                 scenarios=scenarios if scenarios is not None else 400,
                 trials=trials if trials is not None else 200,
                 seed=seed,
+                at_once=at_once,
             )
             command = request.command
             directory = out if out is not None else _RESULTS / target
-            outcome = laws.tune_law(directory, request, force=force, progress=progress)
+            outcome = laws.tune_law(directory, request, force=force, progress=progress, place=place)
         else:
             settings = learners.LearningRequest(
                 algorithm=target,
@@ -186,12 +203,15 @@ def tune(
                 seed=seed,
                 base=hyperparameters,
                 env_id=env_id if env_id is not None else learners.ENV_ID,
+                at_once=at_once,
             )
             if package:
                 packaging.check_package(settings)
             command = settings.command
             directory = out if out is not None else _RESULTS / settings.learner
-            outcome = learners.tune_learning(directory, settings, force=force, progress=progress)
+            outcome = learners.tune_learning(
+                directory, settings, force=force, progress=progress, place=place
+            )
     count = outcome.content["trials"]["count"]
     if outcome.found:
         note(

@@ -23,6 +23,8 @@ from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.statistics import interquartile_mean
 from drm_baselines.optimal_control import scheduled_lqr
 from drm_baselines.support import cores, storage
+from drm_baselines.support.executors import Tell
+from drm_baselines.support.places import Place
 from drm_baselines.support.reading import read_table
 from drm_baselines.support.seeds import TUNING_SEED
 
@@ -54,13 +56,15 @@ class LawRequest:
     scenarios: int = 400
     trials: int = 200
     seed: int = 0
+    at_once: int = 1
 
     @property
     def command(self) -> str:
         """The command that makes the search anew."""
+        at_once = "" if self.at_once == 1 else f" --at-once {self.at_once}"
         return (
             f"drm tune {self.law} --suite {self.suite} --scenarios {self.scenarios} "
-            f"--trials {self.trials} --seed {self.seed}"
+            f"--trials {self.trials} --seed {self.seed}{at_once}"
         )
 
 
@@ -149,12 +153,33 @@ def fly(law: Mapping[str, Any], scenarios: Sequence[Mapping[str, Any]]) -> Verdi
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Judge:
+    """Flies a law with the parameters of a trial."""
+
+    law: str
+    scenarios: Sequence[Mapping[str, Any]]
+
+    def __call__(
+        self,
+        number: int,  # noqa: ARG002
+        parameters: Mapping[str, Any],
+        tell: Tell,  # noqa: ARG002
+    ) -> Verdict:
+        """See :class:`drm_baselines.tuning.trials.Judge`."""
+        try:
+            return fly(law_of(self.law, parameters), self.scenarios)
+        except (BaselineError, drm_env.DrmError) as error:
+            raise UnfitError(str(error)) from error
+
+
 def tune_law(
     directory: Path,
     request: LawRequest,
     *,
     force: bool = False,
     progress: Progress | None = None,
+    place: Place | None = None,
 ) -> Outcome:
     """Search the gains of a law, or go on with a search, and write the best law found.
 
@@ -168,6 +193,8 @@ def tune_law(
         Whether to start anew in a directory that is not empty.
     progress
         Called after each trial.
+    place
+        Where trials that are drawn at once are run; one after another here by default.
 
     Raises
     ------
@@ -179,12 +206,7 @@ def tune_law(
     space = GAINS[check_target(request.law, tuple(GAINS))]
     draw = training_scenarios(request.suite, request.scenarios)
 
-    def judge(_: int, parameters: Mapping[str, Any]) -> Verdict:
-        try:
-            return fly(law_of(request.law, parameters), draw.scenarios)
-        except (BaselineError, drm_env.DrmError) as error:
-            raise UnfitError(str(error)) from error
-
+    judge = _Judge(law=request.law, scenarios=draw.scenarios)
     search = Search(
         directory=directory,
         settings={
@@ -194,14 +216,16 @@ def tune_law(
             "seed": request.seed,
             "space": [dimension.to_dict() for dimension in space],
             "drawn scenarios": draw.digest,
+            **({} if request.at_once == 1 else {"at once": request.at_once}),
         },
         space=space,
         start=_start_of(space),
         seed=request.seed,
         label=request.law,
+        at_once=request.at_once,
     )
     trials, found, interrupted = search.run(
-        request.trials, judge, force=force, progress=progress or silent
+        request.trials, judge, force=force, progress=progress or silent, place=place
     )
     best = best_of(trials, request.law)
     content = {

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import shlex
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +18,9 @@ from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.hyperparameters import Hyperparameters
 from drm_baselines.rl.request import SilentWatcher, TrainingRequest
 from drm_baselines.support import storage
+from drm_baselines.support.executors import Tell
 from drm_baselines.support.extras import needing
+from drm_baselines.support.places import Place
 
 if TYPE_CHECKING:
     pass
@@ -59,6 +63,7 @@ class LearningRequest:
     base: Path | None = None
     """Settings that the search begins with and keeps elsewhere; none: the packaged ones."""
     env_id: str = ENV_ID
+    at_once: int = 1
 
     @property
     def command(self) -> str:
@@ -67,7 +72,7 @@ class LearningRequest:
         base = "" if self.base is None else f" --hyperparameters {shlex.quote(str(self.base))}"
         return (
             f"drm tune {self.algorithm}{environment} --steps {self.steps} --trials {self.trials} "
-            f"--seed {self.seed}{base}"
+            f"--seed {self.seed}{base}{'' if self.at_once == 1 else f' --at-once {self.at_once}'}"
         )
 
     @property
@@ -123,35 +128,40 @@ def learning_settings(base: Hyperparameters, parameters: Mapping[str, Any]) -> H
     return hyperparameters.from_data(data, "searched settings")
 
 
-def tune_learning(
-    directory: Path,
-    request: LearningRequest,
-    *,
-    force: bool = False,
-    progress: Progress | None = None,
-) -> Outcome:
-    """Search the settings of a learning algorithm by short trainings, and write the best.
+class _Watcher(SilentWatcher):
+    """Tells the steps of a training."""
 
-    Parameters and errors are those of :func:`tune_law`; the extra ``learn`` is needed, and an
-    environment that drm-env does not have is a :class:`BaselineError` too.
-    """
-    space = LEARNING[check_target(request.algorithm, tuple(LEARNING))]
-    with needing("training", "learn"):
+    def __init__(self, tell: Tell, total: int) -> None:
+        super().__init__()
+        self._tell, self._total = tell, total
+
+    def advanced(self, steps: int, recent: Mapping[str, float]) -> None:  # noqa: ARG002
+        """Tell."""
+        self._tell(steps, self._total)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judge:
+    """Trains with the settings of a trial; without a directory nothing of it is kept."""
+
+    request: LearningRequest
+    base: Hyperparameters
+    directory: Path | None
+
+    def __call__(self, number: int, parameters: Mapping[str, Any], tell: Tell) -> Verdict:
+        """See :class:`drm_baselines.tuning.trials.Judge`."""
+        name = f"trial_{number:03d}"
+        if self.directory is not None:
+            return self._trained(self.directory / name, parameters, tell)
+        with tempfile.TemporaryDirectory(prefix="drm-tune-") as folder:
+            return self._trained(Path(folder) / name, parameters, tell)
+
+    def _trained(self, folder: Path, parameters: Mapping[str, Any], tell: Tell) -> Verdict:
         from drm_baselines.rl import training
-    base = hyperparameters.load_hyperparameters(request.algorithm, request.base)
-    environment_config(request.env_id, base.env)
-    show = progress or silent
 
-    class Watcher(SilentWatcher):
-        """Shows the steps of one training."""
-
-        def advanced(self, steps: int, recent: Mapping[str, float]) -> None:  # noqa: ARG002
-            show("training", steps, request.steps, "steps")
-
-    def judge(number: int, parameters: Mapping[str, Any]) -> Verdict:
-        folder = directory / f"trial_{number:03d}"
+        request = self.request
         try:
-            settings = learning_settings(base, parameters)
+            settings = learning_settings(self.base, parameters)
             asked = TrainingRequest(
                 algorithm=request.algorithm,
                 env_id=request.env_id,
@@ -162,7 +172,7 @@ def tune_learning(
                 evaluations=1,
                 evaluation_episodes=CURVE_EPISODES,
             )
-            watcher = Watcher()
+            watcher = _Watcher(tell, request.steps)
             # What an interruption left there is trained anew, to the same digits.
             record = training.train(folder, asked, watcher=watcher, force=True)
         except (BaselineError, drm_env.DrmError, ValueError) as error:
@@ -180,6 +190,31 @@ def tune_learning(
             cost={"environment_steps": record.steps, "training_seconds": record.wall_time},
         )
 
+
+def tune_learning(
+    directory: Path,
+    request: LearningRequest,
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
+    place: Place | None = None,
+) -> Outcome:
+    """Search the settings of a learning algorithm by short trainings, and write the best.
+
+    Parameters and errors are those of :func:`tune_law`; the extra ``learn`` is needed, and an
+    environment that drm-env does not have is a :class:`BaselineError` too.
+    """
+    space = LEARNING[check_target(request.algorithm, tuple(LEARNING))]
+    with needing("training", "learn"):
+        importlib.import_module("drm_baselines.rl.training")
+    base = hyperparameters.load_hyperparameters(request.algorithm, request.base)
+    environment_config(request.env_id, base.env)
+    judge = _Judge(
+        request=request,
+        base=base,
+        # workers of a cluster train in directories of their own
+        directory=None if place is not None and place.ray is not None else directory,
+    )
     known = learning_parameters(base)
     search = Search(
         directory=directory,
@@ -191,6 +226,7 @@ def tune_learning(
             "episodes": CURVE_EPISODES,
             "space": [dimension.to_dict() for dimension in space],
             "packaged settings": base.to_dict(),
+            **({} if request.at_once == 1 else {"at once": request.at_once}),
         },
         space=space,
         start={
@@ -200,8 +236,12 @@ def tune_learning(
         },
         seed=request.seed,
         label=request.learner,
+        at_once=request.at_once,
+        cores_each=base.torch_threads,
     )
-    trials, found, interrupted = search.run(request.trials, judge, force=force, progress=show)
+    trials, found, interrupted = search.run(
+        request.trials, judge, force=force, progress=progress or silent, place=place
+    )
     best = best_of(trials, request.learner)
     settings = learning_settings(base, best.parameters)
     content = {

@@ -11,7 +11,9 @@ own, and is judged by the interquartile mean of the tip error. A search lives in
     trial_NNN/      the training runs of a search of settings
 
 The draws of trial n depend on the seed, on n and on the trials before it alone, so that a search
-that was interrupted ends with the same digits as one that was not.
+that was interrupted ends with the same digits as one that was not. Where some trials are drawn at
+once, to be run side by side, those before it are the ones of earlier groups: the digits depend on
+how many, and not on where they are run.
 """
 
 from __future__ import annotations
@@ -28,8 +30,10 @@ import numpy as np
 
 from drm_baselines.errors import BaselineError, ExistingResultError
 from drm_baselines.support import provenance, storage, workplace
+from drm_baselines.support.executors import Executor, Tell
 from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import stop_on_signal
+from drm_baselines.support.places import Place, executor
 from drm_baselines.support.reading import read_table, shown
 
 if TYPE_CHECKING:
@@ -43,6 +47,7 @@ from drm_baselines.tuning.trials import (
     StoppedError,
     Trial,
     UnfitError,
+    Verdict,
     note_of,
     write_trials,
 )
@@ -66,11 +71,23 @@ class Search:
     start: Mapping[str, Any]
     seed: int
     label: str
+    at_once: int = 1
+    """Trials that are drawn together and may be run side by side."""
+    cores_each: int = 1
+    """Cores that a trial may use where trials are shared out."""
 
     def run(
-        self, total: int, judge: Judge, *, force: bool, progress: Progress
+        self,
+        total: int,
+        judge: Judge,
+        *,
+        force: bool,
+        progress: Progress,
+        place: Place | None = None,
     ) -> tuple[list[Trial], int, bool]:
         """Run the missing trials; return all, how many were there, and whether some are missing."""
+        if self.at_once == 1 and place not in (None, Place()):
+            raise BaselineError("trials are shared out where some are drawn at once: at_once is 1")
         optuna = _optuna()
         if not (self.directory / SETTINGS_FILE).is_file():
             storage.claim_directory(self.directory, force=force)
@@ -90,8 +107,14 @@ class Search:
             found = len(trials)
             progress(self.label, found, total, note_of(trials))
             try:
-                while len(trials) < total and not stop.is_set():
-                    self._one(optuna, study, len(trials), judge)
+                if self.at_once > 1:
+                    with executor(place, cores_each=self.cores_each) as workers:
+                        for trials in self._together(optuna, study, total, judge, workers):
+                            progress(self.label, len(trials), total, note_of(trials))
+                            if stop.is_set():
+                                break
+                while self.at_once == 1 and len(trials) < total and not stop.is_set():
+                    self._one(optuna, study, len(trials), judge, progress)
                     trials = _trials_of(study)
                     progress(self.label, len(trials), total, note_of(trials))
             except (StoppedError, KeyboardInterrupt):
@@ -99,18 +122,78 @@ class Search:
             write_trials(self.directory / TRIALS_FILE, trials, self.space)
         return trials, found, len(trials) < total
 
-    def _one(self, optuna: Any, study: Study, number: int, judge: Judge) -> None:
+    def _sampler(self, optuna: Any, number: int) -> Any:
         # A sampler of its own for each trial: what it draws does not depend on which process, after
         # which interruption, draws it.
         stream = np.random.SeedSequence([self.seed, number]).generate_state(1)
-        study.sampler = optuna.samplers.TPESampler(seed=int(stream[0]), multivariate=True)
+        return optuna.samplers.TPESampler(seed=int(stream[0]), multivariate=True)
+
+    def _together(
+        self, optuna: Any, study: Study, total: int, judge: Judge, workers: Executor
+    ) -> Iterator[list[Trial]]:
+        """Run the missing trials, ``at_once`` side by side; yield all after each that ends.
+
+        Those that are drawn together know the trials of earlier groups alone, so that what is drawn
+        does not depend on which of them ends first, or was there before an interruption.
+        """
+        states = optuna.trial.TrialState
+        while len(there := _by_number(study)) < total:
+            group = next(number for number in range(total) if number not in there) // self.at_once
+            first = group * self.at_once
+            earlier = [there[number] for number in range(first)]
+            jobs = [
+                (number, (number, self._drawn(optuna, earlier, number)))
+                for number in range(first, min(first + self.at_once, total))
+                if number not in there
+            ]
+            drawn = dict(jobs)
+            for number, tried in workers.run(attempt, judge, jobs):
+                # whole at once: a search that is killed has a trial or has it not
+                study.add_trial(
+                    optuna.trial.create_trial(
+                        params=drawn[number][1],
+                        distributions={
+                            each.name: _distribution(optuna, each) for each in self.space
+                        },
+                        value=None if tried.verdict is None else tried.verdict.value,
+                        state=states.PRUNED if tried.verdict is None else states.COMPLETE,
+                        user_attrs={
+                            "number": number,
+                            "seconds": tried.seconds,
+                            **(
+                                {"reason": tried.reason}
+                                if tried.verdict is None
+                                else {"cost": dict(tried.verdict.cost)}
+                            ),
+                        },
+                    )
+                )
+                yield _trials_of(study)
+
+    def _drawn(self, optuna: Any, earlier: Sequence[FrozenTrial], number: int) -> dict[str, Any]:
+        """Return the parameters of a trial that knows those of earlier groups."""
+        study = optuna.create_study(direction="minimize", sampler=self._sampler(optuna, number))
+        study.add_trials(earlier)
+        if number == 0 and self.start:
+            study.enqueue_trial(dict(self.start))
+        trial = study.ask({each.name: _distribution(optuna, each) for each in self.space})
+        return dict(trial.params)
+
+    def _one(
+        self, optuna: Any, study: Study, number: int, judge: Judge, progress: Progress
+    ) -> None:
+        study.sampler = self._sampler(optuna, number)
         if number == 0 and self.start:
             study.enqueue_trial(dict(self.start), skip_if_exists=False)
         trial = study.ask({each.name: _distribution(optuna, each) for each in self.space})
         began = time.monotonic()
         state = optuna.trial.TrialState
+
+        def tell(done: int, steps: int) -> None:
+            progress("training", done, steps, "steps")
+
         try:
-            verdict = judge(number, trial.params)
+            verdict = judge(number, trial.params, tell)
         except UnfitError as error:
             trial.set_user_attr("seconds", time.monotonic() - began)
             trial.set_user_attr("reason", str(error))
@@ -155,6 +238,26 @@ class Search:
         # the settings last: a directory that has them is a search's, whatever else is gone
         for name in (JOURNAL_FILE, TRIALS_FILE, GAINS_FILE, BEST_FILE, SETTINGS_FILE):
             (self.directory / name).unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What came of a trial: a verdict, or the reason why there is none; seconds of wall time."""
+
+    verdict: Verdict | None
+    reason: str
+    seconds: float
+
+
+def attempt(judge: Judge, job: tuple[int, Mapping[str, Any]], tell: Tell) -> Tried:
+    """Run a trial of those that are shared out."""
+    began = time.monotonic()
+    verdict, reason = None, ""
+    try:
+        verdict = judge(*job, tell)
+    except UnfitError as error:
+        reason = str(error)
+    return Tried(verdict=verdict, reason=reason, seconds=time.monotonic() - began)
 
 
 def _optuna() -> Any:
@@ -204,7 +307,20 @@ def _trials_of(study: Study) -> list[Trial]:
         for trial in study.get_trials(deepcopy=False)
         if trial.state.name in ("COMPLETE", "PRUNED")
     ]
-    return [_trial_of(number, trial) for number, trial in enumerate(counted)]
+    found = [
+        _trial_of(int(trial.user_attrs.get("number", number)), trial)
+        for number, trial in enumerate(counted)
+    ]
+    return sorted(found, key=lambda trial: trial.number)
+
+
+def _by_number(study: Study) -> dict[int, FrozenTrial]:
+    """Return the trials of a search that runs some at once, by their numbers."""
+    return {
+        int(trial.user_attrs["number"]): trial
+        for trial in study.get_trials(deepcopy=False)
+        if "number" in trial.user_attrs
+    }
 
 
 def _trial_of(number: int, trial: FrozenTrial) -> Trial:

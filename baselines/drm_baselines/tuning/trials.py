@@ -6,11 +6,12 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.metrics import describe
 from drm_baselines.support import storage
+from drm_baselines.support.executors import Tell
 
 if TYPE_CHECKING:
     pass
@@ -41,7 +42,19 @@ class Verdict:
     cost: Mapping[str, float] = field(default_factory=dict)
 
 
-Judge = Callable[[int, Mapping[str, Any]], Verdict]
+class Judge(Protocol):
+    """Says what parameters are worth; it can be sent to other processes."""
+
+    def __call__(self, number: int, parameters: Mapping[str, Any], tell: Tell) -> Verdict:
+        """Judge the parameters of a trial.
+
+        Raises
+        ------
+        UnfitError
+            They make nothing that could fly.
+        StoppedError
+            A signal has ended the trial.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)

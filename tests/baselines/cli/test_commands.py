@@ -30,6 +30,7 @@ COMMANDS = (
     "tune",
     "evaluate",
     "benchmark",
+    "sweep",
     "demo",
     "reproduce",
     "bench",
