@@ -86,7 +86,11 @@ def test_rows_stay_as_manoeuvres_end() -> None:
         seen.append(measurements)
         return np.zeros((3, 2))
 
-    scenarios = [{"horizon": 0.02}, {"initial": {"beta": 3.0}}, {"horizon": 0.04}]
+    scenarios: list[dict[str, Any]] = [
+        {"horizon": 0.02},
+        {"initial": {"beta": 3.0}},
+        {"horizon": 0.04},
+    ]
     flown = drm_env.rollout(scenarios, law)
     assert len(seen) == 20
     assert all(call.shape == seen[0].shape for call in seen)

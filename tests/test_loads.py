@@ -347,6 +347,7 @@ def test_a_manoeuvre_that_leaves_the_equations_has_no_loads() -> None:
 def test_a_policy_has_loads_too() -> None:
     """A network's episode; zero actions are the open loop."""
     env = drm_env.DrmEnv(task="slew", horizon=2.0, mass_error=0.1)
+    assert env.observation_space.shape is not None
     size = env.observation_space.shape[0]
     layers = [(np.zeros((2, size), np.float32), np.zeros(2, np.float32))]
     network = drm_env.Network(layers, activation="tanh", output="clip")

@@ -58,7 +58,9 @@ def test_every_door_flies_the_same() -> None:
     env.reset(seed=0)
     vec = gym.make_vec("drm_env/Slew-v0", 2, motor_torque_limit=LIMIT, **options)
     vec.reset(seed=0)
-    ended, info = False, {}
+    ended = False
+    info: dict[str, Any] = {}
+    infos: dict[str, Any] = {}
     while not ended:
         *_, ended, info = env.step(np.zeros(2, np.float32))
         *_, infos = vec.step(np.zeros((2, 2), np.float32))
@@ -66,6 +68,7 @@ def test_every_door_flies_the_same() -> None:
     np.testing.assert_array_equal(
         infos["metrics/final_slew_error"], [alone.metrics["final_slew_error"]] * 2
     )
+    assert env.observation_space.shape is not None
     size = env.observation_space.shape[0]
     layers = [(np.zeros((2, size), np.float32), np.zeros(2, np.float32))]
     network = drm_env.Network(layers, activation="tanh", output="clip")

@@ -79,7 +79,8 @@ class Module:
         if isinstance(value, dict):
             name = self.class_for(value, annotation)
             if name is None:
-                return repr(value)
+                # the generator writes an empty list as an empty dictionary
+                return repr(value) if value or self._sequence(annotation) is None else "()"
             fields = self.classes[name]
             arguments = []
             for key, item in value.items():

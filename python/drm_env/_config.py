@@ -340,9 +340,7 @@ class Slew:
     angle: float = 0.8726646259971648
     """Angle to slew through, rad; its sign is the direction. A table turns through its own."""
     max_accel: float = 0.02
-    """
-    Largest angular acceleration, rad/s^2. Not of a table, nor where the final time is given.
-    """
+    """Largest angular acceleration, rad/s^2. Not of a table, nor where the final time is given."""
     profile: SlewProfile = "min_time"
     """Family of the profile."""
     smoothing: float = 0.0
@@ -351,15 +349,11 @@ class Slew:
     below 1/2 for minimum energy.
     """
     final_time: float | None = None
-    """
-    Duration, s, from which the acceleration follows (thesis section 3.2.4); null takes `max_accel`.
-    """
+    """Duration, s, from which the acceleration follows (thesis section 3.2.4); null takes `max_accel`."""
     times: Sequence[float] = ()
     """Times of a table, s, rising; at one that is given twice the acceleration jumps."""
     accelerations: Sequence[float] = ()
-    """
-    Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest.
-    """
+    """Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,7 +76,7 @@ class AskedLaw:
         return torques
 
 
-def is_callable(law: Any) -> bool:
+def is_callable(law: Any) -> TypeGuard[Callable[[NDArray[np.float64]], ArrayLike]]:
     """Whether a law is asked for its torques, and not one of the engine's."""
     return callable(law) and not isinstance(law, (str, Mapping, type))
 

@@ -378,7 +378,13 @@ mod tests {
                 (SlewProfile::MinTime, 0.25)
             };
             prop_assume!(angle.abs() > 1e-3);
-            let slew = Slew { angle, max_accel, profile, smoothing: phi * limit };
+            let slew = Slew {
+                angle,
+                max_accel,
+                profile,
+                smoothing: phi * limit,
+                ..Slew::default()
+            };
             slew.validate().unwrap();
             let pieces = slew.pieces();
             for pair in pieces.windows(2) {
