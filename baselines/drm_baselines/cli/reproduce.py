@@ -45,7 +45,7 @@ def reproduce(
     not reproduced, with the reason. The studies named consistent-* fly the plant that follows the
     particles and turns link 2 with link 1, which the thesis does not have.
     """
-    require("drm reproduce", "evaluate", "matplotlib", "scipy")
+    require("drm reproduce", "evaluate", "jinja2", "matplotlib", "scipy")
     with leaving_at_once():
         from drm_baselines.thesis import select, terminal, writing
 

@@ -219,7 +219,7 @@ def write_page(
     if len(results) > 1:
         headings, rows, starred = degradation_of(results)
         looks = styles(list(policies_in(results)))
-        lines = [
+        lines: list[list[Cell | str]] = [
             [Cell(text=title, colour=look["color"], dash=dash_of(look["linestyle"])), *cells]
             for (title, *cells), look in zip(rows, looks, strict=True)
         ]

@@ -25,7 +25,7 @@
       }));
       this.plot = element("div", { className: "plot" });
       this.told = element("p", { className: "note tip" });
-      place.append(element("div", { className: "tools" }, element("label", {}, "metric", this.metric), element("label", {}, "over", this.over)), this.who, this.plot, this.told);
+      place.append(element("div", { className: "tools" }, element("label", {}, "metric", this.metric), element("label", { hidden: content.columns.length < 2 }, "over", this.over)), this.who, this.plot, this.told);
       for (const child of [...place.children].slice(1)) child.style.marginTop = "10px";
       this.rebuild();
       drm.onTheme(() => this.rebuild());
