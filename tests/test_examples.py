@@ -27,6 +27,7 @@ SMALL = {
         "--out",
         "curve.png",
     ),
+    "train_with_rllib": ("--envs", "4", "--iterations", "1", "--batch", "256"),
     "train_residual": ("--envs", "4", "--steps", "400", "--episodes", "2"),
 }
 
@@ -41,6 +42,9 @@ def test_every_example_is_run_and_listed() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_an_example_runs(name: str, tmp_path: Path) -> None:
+    if name == "train_with_rllib":
+        for package in ("ray", "tree", "lz4", "ormsgpack", "tensorboardX"):
+            pytest.importorskip(package, reason=f"RLlib needs {package}, which is not installed")
     done = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", EXAMPLES / f"{name}.py", *SMALL[name]],
         cwd=tmp_path, capture_output=True, text=True, check=False,
