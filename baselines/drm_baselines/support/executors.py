@@ -128,7 +128,7 @@ class Processes:
         told: Told | None = None,
     ) -> Iterator[tuple[Key, Result]]:
         """See :class:`Executor`."""
-        board: Any = multiprocessing.get_context("spawn").Queue()
+        board: Any = None if told is None else multiprocessing.get_context("spawn").Queue()
         with process_pool(self.workers, cores_each=self._cores, board=board) as pool:
             waiting = iter(jobs)
             running: dict[Future[Result], Key] = {}

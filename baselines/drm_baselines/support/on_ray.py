@@ -131,8 +131,11 @@ class OnRay:
     def workers(self) -> int:
         """Jobs for which the cluster has cores now."""
         if time.monotonic() - self._looked > _SIZE_FOR:
-            ray = _ray()
-            self._workers = int(ray.cluster_resources().get("CPU", 0.0)) // self._cores
+            self._workers = sum(
+                int(node["Resources"].get("CPU", 0.0)) // self._cores
+                for node in _ray().nodes()
+                if node["Alive"]
+            )
             self._looked = time.monotonic()
         return self._workers
 

@@ -49,7 +49,11 @@ def _begin(cores_each: int | None, board: Any) -> None:
     _end_with_parent()
     if cores_each is not None:
         cores.keep_to(cores_each)
-    _boards[:] = [] if board is None else [board]
+    _boards[:] = []
+    if board is not None:
+        # what nobody reads any more must not keep a worker from its end
+        board.cancel_join_thread()
+        _boards.append(board)
 
 
 def tell_parent(message: Any) -> None:
