@@ -21,6 +21,24 @@ from drm_env.slew_limits import LIMITED, SlewLimits
 Progress = Callable[[str, int, int], object]
 """Called with what is being done, how much is done and how much there is."""
 
+MEASURED = {
+    "motor_torque": "motor_torque_peak",
+    "motor_rate": "motor_speed_peak",
+    "deployment_force": "deployment_force_peak",
+    "root_wheel_momentum": "root_wheel_momentum_peak",
+    "tip_wheel_momentum": "tip_wheel_momentum_peak",
+    "deflection": "peak_deflection",
+    "residual": "residual_peak",
+    "root_bending_moment": "root_bending_moment_link1_peak",
+    "root_shear": "root_shear_link1_peak",
+    "link2_bending_moment": "root_bending_moment_link2_peak",
+    "link2_shear": "root_shear_link2_peak",
+    "motor_power": "motor_power_peak",
+    "energy": "slew_energy",
+    "vibration": "residual_rms",
+}
+"""Metrics of what a flight needs. The motor's rate is the reference's unless it is limited."""
+
 _ROUNDS = 25
 """Most times that a candidate is made slower; each time it is slower by what it lacks."""
 _PATIENCE = 4
@@ -30,7 +48,7 @@ _LONGEST = 3600.0
 _MARGIN = 1e-4
 """Part by which candidates are slower than the rigid arm allows: peaks lie between places."""
 _CHUNK = 256
-"""Flights of one call: their signals take some hundred megabytes."""
+"""Flights of one call: their signals take some tens of megabytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,28 +231,20 @@ class SlewSearch:
         self, scenarios: list[dict[str, Any]], tell: Callable[[int, int], object]
     ) -> dict[str, NDArray[np.float64]]:
         """Peaks of each flight, shape (flights,)."""
-        signals = ["slew_torque", "slew_rate", "root_momentum", "tip_momentum"]
+        # the shoulder's rate is that of the motor; the loads have the reference's
+        signals = ["slew_rate"] if "motor_rate" in self.limits else None
         flown = rollout(
             scenarios,
             law=self.law,
+            loads=True,
             signals=signals,
             num_threads=self.num_threads,
             progress=tell,
         )
-        torque, rate, root, tip = (
-            np.where(flown["diverged"] > 0.0, np.nan, np.nanmax(np.abs(values), axis=1))
-            for values in flown.trajectories.values()
-        )
-        needs = {
-            "motor_torque": torque,
-            "motor_rate": rate,
-            "root_wheel_momentum": root,
-            "tip_wheel_momentum": tip,
-            "deflection": flown["peak_deflection"],
-            "residual": flown["residual_peak"],
-            "energy": flown["slew_energy"],
-            "vibration": flown["residual_rms"],
-        }
+        needs = {name: flown[metric] for name, metric in MEASURED.items()}
+        if signals is not None:
+            rates = np.nanmax(np.abs(flown.trajectories["slew_rate"]), axis=1)
+            needs["motor_rate"] = np.where(flown["diverged"] > 0.0, np.nan, rates)
         needs["momentum"] = np.maximum(needs["root_wheel_momentum"], needs["tip_wheel_momentum"])
         return needs
 

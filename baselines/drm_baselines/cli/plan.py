@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     import drm_env
     from drm_baselines.planning import Proof
+    from drm_baselines.planning.free import FreeProfile
 
 MOST_CASES = 100_000
 """Most drawn cases of one command."""
@@ -124,6 +126,14 @@ def plan(
         typer.Option(help="Largest error of the reported mass, as a part of the true one."),
     ] = 0.0,
     law: Annotated[str, typer.Option(help="Control law that flies.")] = "none",
+    free: Annotated[
+        bool,
+        typer.Option(
+            "--free",
+            help="Beside the plan find the fastest free profile, no longer one of the thesis', "
+            "within the same limits.",
+        ),
+    ] = False,
     cases: Annotated[
         int | None,
         typer.Option(
@@ -139,7 +149,8 @@ def plan(
         Path | None,
         typer.Option(
             help="Directory for plan.json, candidates.csv, scenario.json (for drm simulate), "
-            "flight.csv and the pictures trades.png, path.png and loads.png.",
+            "flight.csv, the pictures trades.png, path.png and loads.png, and with --free "
+            "free_scenario.json.",
             show_default=False,
         ),
     ] = None,
@@ -174,6 +185,8 @@ def plan(
     if (links := parse_arm(arm)) is not None:
         description = {**description, "arm": links}
     given = parse_limits(limits)
+    if free:
+        require("a free profile", "plan", "scipy")
     if out is not None:
         require("pictures of a plan (--out)", "plot")
         storage.claim_directory(out, force=force)
@@ -190,10 +203,18 @@ def plan(
             law=law_data(law),
             progress=tell,
         )
+    other = _free(found) if free else None
+    beside = {} if other is None else {"free": dataclasses.asdict(other)}
     if as_json:
-        say_json({"units": "SI and radians", **found.to_dict()})
+        say_json({"units": "SI and radians", **found.to_dict(), **beside})
     else:
         _say_plan(found)
+        if other is not None:
+            saved = 1.0 - other.final_time / found.best.final_time
+            say(
+                f"free profile of {len(other.times)} knots: {other.final_time:.3f} s, "
+                f"{saved:.1%} less than {found.best.final_time:.3f} s"
+            )
     if out is None:
         return
     from drm_baselines.cli.simulate import write_trajectory
@@ -206,11 +227,15 @@ def plan(
         errors[f"reported {-mass_error:+.0%}"] = -mass_error
     flights = {
         label: drm_env.simulate(
-            {**found.scenario, "mass_error": error}, law=law_data(law), decimation=5
+            {**found.scenario, "mass_error": error}, law=law_data(law), decimation=5, loads=True
         )
         for label, error in errors.items()
     }
     flight = flights["mass as reported"]
+    if other is not None:
+        flights["free profile"] = drm_env.simulate(
+            other.scenario, law=law_data(law), decimation=5, loads=True
+        )
     table = rows(found)
     files = [
         storage.write_json(
@@ -220,6 +245,7 @@ def plan(
                 "format_version": 1,
                 "units": "SI and radians",
                 **found.to_dict(),
+                **beside,
                 "provenance": provenance.provenance(),
             },
             overwrite=force,
@@ -231,8 +257,17 @@ def plan(
         pictures.plot_tip_path(found, flight, out / "path.png", overwrite=force),
         pictures.plot_loads(found, flights, out / "loads.png", overwrite=force),
     ]
+    if other is not None:
+        path = out / "free_scenario.json"
+        files.append(storage.write_json(path, other.scenario, overwrite=force))
     if not as_json:
         say_files(files)
+
+
+def _free(found: drm_env.SlewPlan) -> FreeProfile:
+    from drm_baselines.planning.free import free_profile
+
+    return free_profile(found)
 
 
 def _described(

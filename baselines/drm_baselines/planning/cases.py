@@ -125,6 +125,8 @@ def draw_case(seed: int, plant: str) -> Case:
         ("motor_rate", 0.05, 0.25),
         ("deployment_force", 30.0, 250.0),
         ("deflection", 0.01, 0.1),
+        ("root_bending_moment", 400.0, 2000.0),
+        ("link2_bending_moment", 100.0, 1000.0),
     ):
         if rng.random() < 0.5:
             limits[name] = float(rng.uniform(low, high))
@@ -146,6 +148,9 @@ def _peaks(flight: drm_env.Trajectory) -> dict[str, float]:
         "root_wheel_momentum": "root_momentum",
         "tip_wheel_momentum": "tip_momentum",
         "deflection": "tip_deflection",
+        "deployment_force": "deployment_force",
+        "root_bending_moment": "root_bending_moment_link1",
+        "link2_bending_moment": "root_bending_moment_link2",
     }
     found = {name: float(np.abs(flight[signal]).max()) for name, signal in signals.items()}
     found["acceleration"] = float(np.abs(flight["reference_accel"]).max())
@@ -167,7 +172,7 @@ def fly_case(case: Case) -> CaseResult:
     error = plan.mass_error
     for wrong in (0.0, -error, error) if error else (0.0,):
         scenario = {**plan.scenario, "mass_error": wrong}
-        flight = drm_env.simulate(scenario, law=case.arguments.get("law", "none"))
+        flight = drm_env.simulate(scenario, law=case.arguments.get("law", "none"), loads=True)
         for name, value in _peaks(flight).items():
             if name in limits:
                 used[name] = max(used.get(name, 0.0), value / limits[name])

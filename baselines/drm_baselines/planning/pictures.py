@@ -107,8 +107,11 @@ def plot_tip_path(
     from matplotlib.patches import Annulus
 
     ring = drm_env.workspace(plan.scenario["arm"])
-    figure, axis = single(size=(6.6, 6.0))
     places = plan.tip_path(flight)
+    low = min(0.0, float(places[:, 1].min())) - 1.5
+    high = max(0.0, float(places[:, 1].max())) + 1.5
+    wide = 2.08 * ring.edge
+    figure, axis = single(size=(7.0, 1.0 + 6.2 * (high - low) / wide))
     axis.add_patch(
         Annulus(
             (0.0, 0.0), ring.edge, ring.edge - ring.hole, color=OKABE_ITO["sky blue"], alpha=0.12,
@@ -134,10 +137,8 @@ def plot_tip_path(
     axis.set_aspect("equal")
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")
-    axis.set_xlim(-1.04 * ring.edge, 1.04 * ring.edge)
-    low = min(0.0, float(places[:, 1].min()))
-    high = max(0.0, float(places[:, 1].max()))
-    axis.set_ylim(low - 1.5, high + 1.5)
+    axis.set_xlim(-0.5 * wide, 0.5 * wide)
+    axis.set_ylim(low, high)
     axis.grid(alpha=0.3)
     axis.legend(fontsize="small", loc="best")
     axis.set_title(f"{plan.objective}: {plan.best.final_time:.2f} s")
@@ -167,6 +168,9 @@ class Drawn(NamedTuple):
 
 DRAWN: Sequence[Drawn] = (
     Drawn("slew_torque", "motor torque (N m)", 1.0, "motor_torque"),
+    Drawn("deployment_force", "deployment force (N)", 1.0, "deployment_force"),
+    Drawn("root_bending_moment_link2", "link 2, root moment (N m)", 1.0, "link2_bending_moment"),
+    Drawn("motor_power", "motor power (W)", 1.0, None),
     Drawn("slew_rate", "slew rate (deg/s)", np.pi / 180.0, "motor_rate"),
     Drawn("tip_deflection", "tip deflection (mm)", 1e-3, "deflection"),
     Drawn("root_momentum", "root wheel momentum (N m s)", 1.0, "root_wheel_momentum"),
@@ -185,9 +189,7 @@ def plot_loads(
     from drm_baselines.support.figures import LINES, SEQUENCE
 
     shown = [
-        each
-        for each in DRAWN
-        if any(each.signal in flight and np.any(flight[each.signal]) for flight in flights.values())
+        each for each in DRAWN if any(np.any(flight[each.signal]) for flight in flights.values())
     ]
     figure, grid = subplots(len(shown), 1, size=(8.0, 1.75 * len(shown) + 0.6), sharex=True)
     limits = plan.limits.given()

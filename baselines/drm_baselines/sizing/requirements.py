@@ -19,6 +19,7 @@ from scipy import stats
 
 import drm_env
 from drm_baselines.errors import BaselineError
+from drm_env.constants import LOAD_NAMES
 
 Needs = dict[str, NDArray[np.float64]]
 
@@ -46,9 +47,15 @@ NEEDS: dict[str, Need] = {
     "tip_wheel_torque": Need("tip wheel, torque", "N m", "tip_torque"),
     "motor_torque": Need("slew motor, torque", "N m", "slew_torque"),
     "motor_power": Need("slew motor, power", "W", "motor_power"),
+    "deployment_force": Need("deployment, force", "N", "deployment_force"),
+    "link1_bending_moment": Need("link 1, bending moment", "N m", "root_bending_moment_link1"),
+    "link1_shear": Need("link 1, shear", "N", "root_shear_link1"),
+    "link2_bending_moment": Need("link 2, bending moment", "N m", "root_bending_moment_link2"),
+    "link2_shear": Need("link 2, shear", "N", "root_shear_link2"),
     "deflection": Need("tip, deflection", "m", "tip_deflection"),
 }
-"""What is sized. A wheel with a torque limit shows what a law asks of it only up to that."""
+"""What is sized; moments and shears of a link at its root. A wheel with a torque limit shows what a
+law asks of it only up to that."""
 
 _CHUNK = 200
 """Flights of one call: their torques take some tens of megabytes."""
@@ -115,7 +122,8 @@ def fly_needs(
         flown = drm_env.rollout(
             part,
             law=dict(law),
-            signals=[need.signal for need in NEEDS.values()],
+            loads=True,
+            signals=[need.signal for need in NEEDS.values() if need.signal not in LOAD_NAMES],
             seed=seed + first,
             progress=tell,
         )
@@ -125,7 +133,13 @@ def fly_needs(
                 f"{law.get('name')!r}: no arm can be sized for them"
             )
         for name, need in NEEDS.items():
-            found[name].append(np.nanmax(np.abs(flown.trajectories[need.signal]), axis=1))
+            signal = flown.trajectories.get(need.signal)
+            peaks = (
+                flown[f"{need.signal}_peak"]
+                if signal is None
+                else np.nanmax(np.abs(signal), axis=1)
+            )
+            found[name].append(np.asarray(peaks))
     return {name: np.concatenate(columns) for name, columns in found.items()}
 
 

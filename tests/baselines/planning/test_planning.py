@@ -14,7 +14,9 @@ from typer.testing import CliRunner, Result
 
 import drm_env
 from drm_baselines.cli import app
+from drm_baselines.errors import BaselineError
 from drm_baselines.planning import TRADED, draw_case, fly_cases, front
+from drm_baselines.planning.free import free_profile
 
 PICTURES = ("loads.png", "path.png", "trades.png")
 
@@ -82,17 +84,78 @@ def test_a_case_is_drawn_by_its_seed() -> None:
     assert draw_case(7, "thesis") != draw_case(8, "thesis")
 
 
+# --- the free profile -----------------------------------------------------------------------------
+
+
+def test_a_free_profile_uses_the_motor_at_every_length() -> None:
+    """Retracted the arm has a quarter of its inertia, and the same torque."""
+    plan = drm_env.plan_slew(
+        start=(8.0, 0.0), goal=(0.0, 14.0), limits={"motor_torque": 900.0},
+        shapes=[("min_time", 0.0), ("min_time", 0.05)], watch=2.0,
+    )  # fmt: skip
+    found = free_profile(plan)
+    assert found.final_time < 0.8 * plan.best.final_time
+    flight = drm_env.simulate(found.scenario)
+    torque = np.abs(flight["slew_torque"])
+    assert torque.max() <= 900.0
+    moving = flight["time"] < found.final_time
+    # most of the way at the limit: what bang-bang torque is
+    assert np.mean(torque[moving] > 0.98 * 900.0) > 0.85
+    assert flight["slew_angle"][-1] == pytest.approx(math.pi / 2.0, abs=2e-3)
+    assert flight["extension"][-1] == pytest.approx(7.0)
+
+
+def test_a_free_profile_at_a_fixed_length_is_bang_bang() -> None:
+    """Where the inertia stays, nothing beats the thesis' minimum time."""
+    plan = drm_env.plan_slew(
+        {"slew": {"angle": 1.0}, "deployment": {"mode": "none", "start": 8.0}},
+        limits={"acceleration": 0.04}, shapes=[("min_time", 0.0)], watch=2.0,
+    )  # fmt: skip
+    found = free_profile(plan)
+    assert plan.best.final_time == pytest.approx(10.0)
+    # ramps over an interval of 1/48 at the ends and across zero cost two per cent
+    assert 10.0 <= found.final_time < 10.4
+
+
+def test_a_free_profile_keeps_the_limits_of_the_elastic_arm() -> None:
+    limits = {"motor_torque": 1500.0, "deflection": 0.03, "deployment_force": 80.0}
+    plan = drm_env.plan_slew(
+        {"plant": "consistent"}, start=(8.0, 1.0), goal=(6.0, 9.0), limits=limits,
+        shapes=[("min_time", 0.1)], watch=1.0,
+    )  # fmt: skip
+    found = free_profile(plan)
+    flight = drm_env.simulate(found.scenario, loads=True)
+    assert np.abs(flight["tip_deflection"]).max() <= 0.03
+    assert flight.metrics["deployment_force_peak"] <= 80.0
+    assert set(found.used) == set(limits)
+
+
+def test_what_no_free_profile_can_do_is_refused() -> None:
+    alone = drm_env.plan_slew(
+        {"slew": {"angle": 0.0}}, limits={"deployment_force": 100.0}, watch=1.0
+    )
+    with pytest.raises(BaselineError, match="needs a slew"):
+        free_profile(alone)
+    plan = drm_env.plan_slew(limits={"deployment_force": 100.0}, watch=1.0,
+                             shapes=[("min_time", 0.1)])  # fmt: skip
+    with pytest.raises(BaselineError, match="needs a limit on acceleration"):
+        free_profile(plan)
+
+
 # --- the command ----------------------------------------------------------------------------------
 
 
 def test_a_plan_with_everything_it_writes(tmp_path: Path) -> None:
     out = tmp_path / "plan"
     line = ("--from", 8, 0, "--to", 0, 14, "--limit", "motor_torque=900", "--mass-error", 0.1,
-            "--limit", "root_wheel_momentum=600", "--law", "linear", "--out", out)  # fmt: skip
+            "--limit", "root_wheel_momentum=600", "--law", "linear", "--free",
+            "--out", out)  # fmt: skip
     text = succeed(*line)
-    assert all(name in text for name in ("motor_torque", "limit", "wheel momentum", "fastest"))
+    assert all(name in text for name in ("motor_torque", "limit", "wheel momentum", "fastest",
+                                        "free profile of 49 knots"))  # fmt: skip
     assert {file.name for file in out.iterdir()} == {
         *PICTURES, "plan.json", "candidates.csv", "scenario.json", "flight.csv",
+        "free_scenario.json",
     }  # fmt: skip
     content = json.loads((out / "plan.json").read_text())
     assert content["limits"] == {"motor_torque": 900.0, "root_wheel_momentum": 600.0}
