@@ -214,6 +214,7 @@ fn scenarios() -> impl Strategy<Value = Scenario> {
                             SlewProfile::MinTime
                         },
                         smoothing,
+                        ..Slew::default()
                     },
                     deployment: Deployment {
                         start,

@@ -141,7 +141,7 @@ pub(crate) fn returned(py: Python<'_>, count: usize, flown: Flown) -> Returned<'
 /// and is raised here.
 #[pyfunction]
 #[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every, loads=false))]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
 pub(crate) fn rollout<'py>(
     py: Python<'py>,
     scenarios: Vec<Manoeuvre>,

@@ -365,6 +365,79 @@ mod tests {
     }
 
     proptest! {
+        /// A final time gives the acceleration of which it is the final time, for all profiles.
+        #[test]
+        fn final_time_and_acceleration_say_the_same(
+            angle in 0.01..3.0_f64, time in 0.1..100.0_f64, phi in 0.0..0.999_f64,
+            energy in any::<bool>(), back in any::<bool>(),
+        ) {
+            let (profile, limit) = if energy {
+                (SlewProfile::MinEnergy, 0.5)
+            } else {
+                (SlewProfile::MinTime, 0.25)
+            };
+            let by_time = Slew {
+                angle: if back { -angle } else { angle },
+                profile,
+                smoothing: phi * limit,
+                final_time: Some(time),
+                ..Slew::default()
+            };
+            by_time.validate().unwrap();
+            prop_assert_eq!(by_time.final_time().to_bits(), time.to_bits());
+            let by_accel = Slew {
+                max_accel: by_time.largest_accel(),
+                final_time: None,
+                ..by_time
+            };
+            prop_assert!((by_accel.final_time() - time).abs() < 1e-14 * time);
+            // the pieces before the end reach the angle by their own integrals
+            let pieces = by_time.pieces();
+            let [.., last, end] = pieces.as_slice() else {
+                return Err(TestCaseError::fail("a slew has pieces"));
+            };
+            let (reached, rate, _) = last.at(end.start - last.start);
+            prop_assert!((reached - by_time.angle).abs() < 1e-12);
+            prop_assert!(rate.abs() < 1e-12 * (1.0 + angle / time));
+        }
+    }
+
+    /// Four straight lines: 0.03 rad/s^2 in 1 s, to the other side in 2 s, and back.
+    fn table() -> Slew {
+        let series = |values: &[f64]| Series::new(values).expect("they are few");
+        Slew {
+            profile: SlewProfile::Table,
+            times: series(&[0.5, 1.5, 3.5, 4.5]),
+            accelerations: series(&[0.0, 0.03, -0.03, 0.0]),
+            ..Slew::default()
+        }
+    }
+
+    #[test]
+    fn a_table_is_integrated_exactly() {
+        let slew = table();
+        slew.validate().unwrap();
+        assert!((slew.target() - 0.06).abs() < 1e-15, "{}", slew.target());
+        assert_eq!((slew.final_time(), slew.largest_accel()), (4.5, 0.03));
+        let pieces = slew.pieces();
+        assert_eq!(pieces.len(), 5);
+        let (angle, rate, accel) = pieces[2].at(1.0);
+        assert!((angle - 0.03).abs() < 1e-15 && (rate - 0.03).abs() < 1e-15 && accel.abs() < 1e-15);
+    }
+
+    #[test]
+    fn tables_survive_every_format() {
+        let slew = table();
+        let text = serde_json::to_string(&slew).unwrap();
+        assert_eq!(serde_json::from_str::<Slew>(&text).unwrap(), slew);
+        let bytes = postcard::to_allocvec(&slew).unwrap();
+        assert_eq!(postcard::from_bytes::<Slew>(&bytes).unwrap(), slew);
+        let many = format!("{{\"times\": {:?}}}", [0.0; 65]);
+        let error = serde_json::from_str::<Slew>(&many).unwrap_err();
+        assert!(error.to_string().contains("at most 64 numbers"), "{error}");
+    }
+
+    proptest! {
         /// Every profile ends at rest at its angle, is continuous in angle and rate, and never
         /// exceeds its largest acceleration.
         #[test]
