@@ -300,7 +300,8 @@ def _say(
         cells = [
             need.label,
             significant(each.quantile),
-            f"{significant(each.low)} to {significant(each.high)}",
+            f"{significant(each.low)} "
+            + (f"to {significant(each.high)}" if math.isfinite(each.high) else "and more"),
             significant(each.size),
             significant(each.largest),
             need.unit,

@@ -121,7 +121,7 @@ class _Programme:
         self.reported, self.true = inertias[:-1], inertias[-1]
 
     def rows(self, time: float) -> tuple[list[_Array], list[_Array]] | None:
-        """Matrices and bounds, |matrix x| <= bound; ``None`` if the deployment alone is too much."""
+        """Matrices and bounds, |matrix x| <= bound; ``None`` if deploying is too much."""
         accel, rate = self.accel, time * self.rate
         speed = (self.speed / time)[:, np.newaxis]
         matrices: list[_Array] = []

@@ -34,8 +34,14 @@ def plot_requirements(
         values = np.sort(needs[each.name])
         part = np.arange(1, len(values) + 1) / len(values)
         axis.step(values, 100.0 * part, where="post", color=OKABE_ITO["blue"], linewidth=1.2)
-        axis.axvspan(each.low, each.high, color=OKABE_ITO["sky blue"], alpha=0.4, linewidth=0.0,
-                     label="interval of the quantile")  # fmt: skip
+        axis.axvspan(
+            each.low,
+            min(each.high, each.largest),
+            color=OKABE_ITO["sky blue"],
+            alpha=0.4,
+            linewidth=0.0,
+            label="interval of the quantile",
+        )
         axis.axvline(each.size, color=OKABE_ITO["vermilion"], linewidth=1.4, label="size")
         axis.axhline(100.0 * fraction, color="black", linestyle=":", linewidth=0.9)
         axis.set_xlabel(f"{NEEDS[each.name].label} ({NEEDS[each.name].unit})", fontsize="small")

@@ -74,7 +74,8 @@ class Requirement:
     quantile
         Of the missions flown.
     low, high
-        Two-sided interval of the quantile of all missions, at the confidence asked for.
+        Two-sided interval of the quantile of all missions, at the confidence asked for; where
+        there are too few for an upper end, it is infinite.
     size
         One-sided upper bound: enough for the part asked for, with that confidence.
     largest
@@ -171,7 +172,7 @@ def requirements(needs: Needs, fraction: float, confidence: float) -> list[Requi
                 name=name,
                 quantile=float(np.quantile(values, fraction, method="inverted_cdf")),
                 low=float(low),
-                high=float(high) if math.isfinite(high) else float(values.max()),
+                high=float(high),
                 size=float(above.confidence_interval(confidence).high),
                 largest=float(values.max()),
             )
