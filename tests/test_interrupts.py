@@ -99,11 +99,12 @@ ENDED = {
 SHORT = {
     # a number, a name, or a copy of what is there, as long as its result
     "Batch": "action_size began_contexts contexts coordinates diverged env_state final_obs "
-    "has_reset horizon_steps metrics observation_size observations reset_happened signals success",
+    "has_reset horizon_steps legs metrics mission_reports observation_size observations "
+    "reset_happened signals success",
     "Config": "action_size context control_period drawn horizon horizon_steps "
-    "identification_slopes observation_layout sample_period to_json",
-    "Env": "action_size context get_state has_reset horizon_steps observation_size report "
-    "scenario_json signals steps",
+    "identification_slopes mission_legs observation_layout sample_period to_json",
+    "Env": "action_size context get_state has_reset horizon_steps legs mission_report "
+    "observation_size report scenario_json signals steps",
     "Law": "control_period torque_limits", "Network": "inputs outputs",
     "": "check_memory context_names distribution_names film_signals fine_scales instructions "
     "law_names load load_names measurement_names metric_names option_names_json palette "

@@ -9,6 +9,7 @@ Importing this package registers
     drm_env/SlewThesis-v0     the thesis' manoeuvre: nothing random, 500 Hz
     drm_env/SlewDirect-v0     as Slew, and the slew motor is the agent's too
     drm_env/SlewFlexible-v0   an arm that one could build: flexible, with real wheels and sensors
+    drm_env/Mission-v0        pick, slew, place, return: several legs an episode
 
 >>> import gymnasium as gym
 >>> import drm_env
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from drm_env.law import ControlLaw
     from drm_env.loads import LOAD_SYMBOLS, LoadEntry, load_signals
     from drm_env.metrics import METRIC_SYMBOLS, MetricEntry, episode_metrics
+    from drm_env.missions import LegRecord
     from drm_env.model import Model
     from drm_env.network import Network
     from drm_env.observation import ObservationEntry, observation_layout
@@ -97,6 +99,7 @@ __all__ = [
     "EnvironmentClosedError",
     "Film",
     "InfeasibleError",
+    "LegRecord",
     "LoadEntry",
     "LogUniform",
     "MetricEntry",
@@ -176,6 +179,7 @@ _HOMES = {
     "law": ["ControlLaw"],
     "loads": ["LOAD_SYMBOLS", "LoadEntry", "load_signals"],
     "metrics": ["METRIC_SYMBOLS", "MetricEntry", "episode_metrics"],
+    "missions": ["LegRecord"],
     "model": ["Model"],
     "network": ["Network"],
     "observation": ["ObservationEntry", "observation_layout"],

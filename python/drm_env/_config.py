@@ -305,6 +305,62 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SlewLeg:
+    """Slew, deployment or both."""
+
+    kind: Literal["slew"] = "slew"
+    angle: float = 0.0
+    """Angle to slew through from where the leg begins, rad; 0 turns nothing."""
+    extension: float | None = None
+    """Length of link 2 outside link 1 at the end, m; null keeps the length."""
+    max_accel: float | None = None
+    """Largest angular acceleration, rad/s^2; null is that of the scenario's slew."""
+    profile: SlewProfile | None = None
+    """Family of the profile; null is that of the scenario's slew."""
+    smoothing: float | None = None
+    """Smoothing fraction of the slew time; null is that of the scenario's slew."""
+    deployment: DeploymentMode | None = None
+    """How the length changes; null is coincident with the slew, and force limited without one."""
+    force: float | None = None
+    """Force of a force-limited change of length, N; null is that of the scenario's deployment."""
+    deployment_start: float = 0.0
+    """When the length begins to change, s after the leg's beginning."""
+    duration: float | None = None
+    """Duration, s, at least that of slew and deployment; null is theirs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldLeg:
+    """Stand still for a time."""
+
+    kind: Literal["hold"] = "hold"
+    duration: float = 1.0
+    """Duration, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestLeg:
+    """Stand still until the arm is at rest."""
+
+    kind: Literal["wait_for_rest"] = "wait_for_rest"
+    most: float = 20.0
+    """Longest duration, s: the mission goes on then whether or not the arm is at rest."""
+    deflection: float = 0.001
+    """Largest amplitude of the tip's vibration at rest, m: of deflection and deflection rate times 0.04 s."""
+    slew_error: float = 0.01
+    """Largest slew error at rest, taken to the tip, m."""
+    quiet: float = 1.0
+    """How long both must have been within, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleaseLeg:
+    """The payload goes."""
+
+    kind: Literal["release"] = "release"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Arm:
     """The two links (thesis section 2.1)."""
 
@@ -555,6 +611,21 @@ Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw | ServoLaw
 
 
 @dataclass(frozen=True, kw_only=True)
+class GrappleLeg:
+    """A payload appears."""
+
+    kind: Literal["grapple"] = "grapple"
+    payload: Payload | None = None
+    """The payload; null is the scenario's, which an environment may draw, with what is reported of it."""
+    reported: ReportedPayload | None = None
+    """What is reported of the payload; null is the truth, or the scenario's report of its payload."""
+
+
+Leg: TypeAlias = SlewLeg | HoldLeg | RestLeg | GrappleLeg | ReleaseLeg
+"""A part of a mission; as data, `{"kind": "hold", ...}`."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """
     One manoeuvre. Any part left out has its default: Payload 1 known exactly, 50 deg in minimum
@@ -637,6 +708,33 @@ class Task:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Mission:
+    """
+    Legs flown one after the other with one arm, from rest without a payload. Arm, wheels, sensors, plant
+    and what a leg leaves out are the scenario's; the length at the beginning is `deployment.start`.
+    """
+
+    legs: Sequence[Leg] = (
+        SlewLeg(angle=0.5235987755982988, extension=7.0),
+        RestLeg(),
+        GrappleLeg(),
+        SlewLeg(angle=-1.5707963267948966, extension=4.0),
+        RestLeg(),
+        ReleaseLeg(),
+        SlewLeg(angle=1.0471975511965976, extension=1.0),
+        RestLeg(),
+    )
+    """Legs, in order."""
+    period: float = 0.1
+    """Legs end at whole multiples of this, s: a whole number of control periods."""
+    replan: bool = False
+    """
+    Whether legs are planned for the payload's mass as the balance of angular momentum has told it
+    in the legs before, and no longer for the reported one.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
 class EnvConfig:
     """Everything that defines an environment. The default is `drm_env/Slew-v0`."""
 
@@ -648,3 +746,5 @@ class EnvConfig:
     """What is drawn for each episode."""
     task: Task = Task()
     """Action, observation and reward."""
+    mission: Mission | None = None
+    """Legs of which an episode is made; null is one manoeuvre, the scenario's."""

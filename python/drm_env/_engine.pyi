@@ -154,9 +154,18 @@ class Batch:
         """
         Actions in an episode that is not cut short.
         """
+    def legs(self, /) -> NDArray[float64]:
+        """
+        Place of the mission's leg under way in each environment; zeros where episodes are manoeuvres.
+        """
     def metrics(self, /) -> NDArray[float64]:
         """
         Metrics of the episodes that ended in the last step; zeros elsewhere.
+        """
+    def mission_reports(self, /, size: int) -> NDArray[float64]:
+        """
+        `Env.mission_report` of the episodes that ended in the last step, a row an environment of so many
+        entries; zeros elsewhere.
         """
     @property
     def observation_size(self, /) -> int:
@@ -270,6 +279,11 @@ class Config:
         Derivatives of the identified mass error by slew rate and by the momentum of either wheel, a row an
         observation; `seen` has the columns error, slew rate, extension, payload mass, length and width.
         """
+    @property
+    def mission_legs(self, /) -> list[int]:
+        """
+        Places in the mission's list of the legs that take time; none where episodes are manoeuvres.
+        """
     def observation_layout(self, /) -> list[tuple[str, str, float, float, float]]:
         """
         Name, unit, scale, lower and upper bound of each entry of the observation, in order.
@@ -311,6 +325,17 @@ class Env:
     def horizon_steps(self, /) -> int:
         """
         Actions in an episode that is not cut short.
+        """
+    def legs(
+        self, /
+    ) -> list[tuple[int, str, float, float, float, tuple[float, float], list[float], list[float]]]:
+        """
+        Legs of the mission flown in this episode, and the one under way.
+        """
+    def mission_report(self, /) -> NDArray[float64]:
+        """
+        Place of the mission's leg under way, and three sums of the reward's terms of every leg that takes
+        time; empty where episodes are manoeuvres.
         """
     @property
     def observation_size(self, /) -> int:

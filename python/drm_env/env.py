@@ -21,6 +21,7 @@ from drm_env._spaces import ObservationEntry
 from drm_env._spec import METADATA, json_spec, own_metadata
 from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError
+from drm_env.missions import LegRecord, leg_records, mission_keys
 from drm_env.pictures import Look, Pictures
 from drm_env.resolved import ResolvedConfig
 
@@ -121,6 +122,11 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     the horizon is charged as if the limit were held, so that ending early never pays.
     *Truncation*: the horizon (20 s) is over. Reaching the target does not end the episode.
 
+    With a ``mission`` in the configuration (task ``"mission"``) an episode is a mission: its legs
+    are flown one after the other, and the last one ends the episode, which is then *terminated*
+    without having diverged. ``slew_angle`` and ``reference_angle`` count from the beginning of
+    each leg.
+
     A step limit (``max_episode_steps`` of ``gym.make``, ``gym.make_vec``, ``gym.register`` or
     `make_sb3_vec`, or a ``TimeLimit`` around the environment) only cuts: it truncates episodes and
     changes nothing else, the charge for ending early included, which stays that of the horizon. A
@@ -142,6 +148,10 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
       tip deflection <= 1 mm and slew error at the tip <= 10 mm in magnitude until now, after the
       slew.
 
+    - of missions alone, ``mission/leg``: the place of the leg under way in the list of legs, and
+      ``leg/I/...``: the sums of the reward's terms over leg I. Metrics are those of all legs: means
+      over the time, largest values, sums, and the end as that of the last leg.
+
     Where a number does not exist (a limit that is not set, the settling time of an arm that has not
     settled, the residual vibration before the end of the slew) stands `drm_env.NO_VALUE`, the
     largest float64; `drm_env.info_metrics` makes NaN of it.
@@ -152,7 +162,8 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         The defaults: ``"slew"``, ``"slew_residual"``, ``"slew_thesis"`` or ``"slew_direct"``, the
         tasks behind ``drm_env/Slew-v0``, ``SlewResidual-v0``, ``SlewThesis-v0``, ``SlewDirect-v0``;
         ``"slew_v1"`` and ``"slew_residual_v1"`` behind ``drm_env/Slew-v1``, ``SlewResidual-v1``;
-        ``"slew_flexible"`` behind ``drm_env/SlewFlexible-v0``.
+        ``"slew_flexible"`` behind ``drm_env/SlewFlexible-v0``; ``"mission"`` behind
+        ``drm_env/Mission-v0``.
     config : EnvConfig, ResolvedConfig, mapping or path, optional
         What replaces defaults; a path to a JSON or TOML file.
     render_mode : str, optional
@@ -223,6 +234,7 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         self.action_space = self._resolved.action_space
         self._action_shape = (self._engine.action_size,)
         self._horizon_steps = self._engine.horizon_steps
+        self._mission_keys = mission_keys(self._resolved.held.mission_legs)
         self._spec: EnvSpec | None = None
         self._seeded = False
         self._info: dict[str, Any] = {}
@@ -291,6 +303,7 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         self._info = {
             **context_info(self._engine.context()),
             **dict(zip(REPORT_KEYS, self._engine.report(), strict=True)),
+            **dict(zip(self._mission_keys, self._engine.mission_report(), strict=True)),
         }
 
     def step(
@@ -328,6 +341,8 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         observation, reward, terminated, truncated, report = self._engine.step(action)
         info = self._info.copy()
         info.update(zip(REPORT_KEYS, report, strict=True))
+        if self._mission_keys:
+            info.update(zip(self._mission_keys, self._engine.mission_report(), strict=True))
         if self._pictures is not None:
             self._pictures.follow(self._engine)
             if self.render_mode == "human":
@@ -458,7 +473,7 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         return dict(self._engine.signals())
 
     def scenario(self) -> dict[str, Any]:
-        """The manoeuvre flown in this episode, as `drm_env.simulate` takes it.
+        """The manoeuvre or mission flown in this episode, as `drm_env.simulate` takes it.
 
         Raises
         ------
@@ -467,6 +482,17 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
         """
         scenario: dict[str, Any] = json.loads(self._engine.scenario_json())
         return scenario
+
+    @property
+    def legs(self) -> tuple[LegRecord, ...]:
+        """Legs of the mission flown in this episode, and the one under way; none of a manoeuvre.
+
+        Raises
+        ------
+        ResetNeededError
+            before the first ``reset``.
+        """
+        return leg_records(self._engine.legs())
 
     # -- Snapshots ---------------------------------------------------------------------------
 

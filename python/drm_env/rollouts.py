@@ -28,6 +28,7 @@ from drm_env.configuration import (
     resolve_options,
 )
 from drm_env.errors import ConfigError
+from drm_env.missions import LegRecord, leg_records
 from drm_env.network import Network
 from drm_env.resolved import ResolvedConfig
 from drm_env.simulation import LawLike, Trajectory, metrics_of, trajectory_of
@@ -53,16 +54,20 @@ class Rollout(dict[str, NDArray[np.float64]]):
         the signals that were asked for by name, each of shape (n, samples), SI and radians. Rows
         are ``decimation`` sample periods apart and end with the last sample of the manoeuvre; NaN
         follows where one ends before the longest. Empty without ``signals``.
+    legs
+        of each mission its legs, a `LegRecord` each; empty of manoeuvres.
     """
 
     def __init__(
         self,
         metrics: dict[str, NDArray[np.float64]],
         trajectories: dict[str, NDArray[np.float64]],
+        legs: tuple[tuple[LegRecord, ...], ...] = (),
     ) -> None:
         """Holds what the engine returned."""
         super().__init__(metrics)
         self.trajectories = trajectories
+        self.legs = legs
 
     def __missing__(self, name: str) -> NDArray[np.float64]:
         """Refuses a name that no metric has.
@@ -85,7 +90,8 @@ class Rollout(dict[str, NDArray[np.float64]]):
         count = len(next(iter(self.values()), ()))
         if not -count <= index < count:
             raise IndexError(f"index must be below {count}, got {index}")
-        return trajectory_of(index, self, self.trajectories)
+        legs = self.legs[index] if self.legs else ()
+        return trajectory_of(index, self, self.trajectories, legs)
 
     def to_frame(self) -> Any:
         """A `pandas.DataFrame` with a column for each metric and a row for each manoeuvre.
@@ -116,8 +122,8 @@ class Rollout(dict[str, NDArray[np.float64]]):
         write_mat(path, {**self, **kept})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles hold metrics and trajectories."""
-        return type(self), (dict(self), self.trajectories)
+        """Copies and pickles hold metrics, trajectories and legs."""
+        return type(self), (dict(self), self.trajectories, self.legs)
 
     def __repr__(self) -> str:
         """Number of manoeuvres, and the names of metrics and signals."""
@@ -215,7 +221,8 @@ def rollout(
     Parameters
     ----------
     scenarios
-        as for `simulate`; see also `sample_scenarios`.
+        as for `simulate`; see also `sample_scenarios`. Either all are missions or none is; the
+        samples of a mission's ``period`` are then a multiple of ``decimation``.
     law
         as for `simulate`; without it and without a policy, ``"none"``. A callable is given one row
         for each scenario, in their order, from the beginning to the end of the longest (of one that
@@ -304,8 +311,10 @@ def rollout(
         rows, kept, measured = _engine.rollout_asked(
             given, asked, period, seeds, progress, signals, decimation, loads
         )
-    else:
-        rows, kept, measured = _engine.rollout(
-            given, pilot, seeds, num_threads, progress, signals, decimation, loads
-        )
-    return Rollout(metrics_of(rows, measured), dict(kept))
+        return Rollout(metrics_of(rows, measured), dict(kept))
+    (rows, kept, measured), legs = _engine.rollout(
+        given, pilot, seeds, num_threads, progress, signals, decimation, loads
+    )
+    return Rollout(
+        metrics_of(rows, measured), dict(kept), tuple(leg_records(flown) for flown in legs)
+    )

@@ -19,6 +19,7 @@ from drm_env._arguments import OptionsAreNoAttributes
 from drm_env._infos import EPISODE_KEYS, REWARD_KEYS, episode_rows
 from drm_env._spec import OF_BATCH
 from drm_env.errors import ConfigError
+from drm_env.missions import mission_keys
 from drm_env.resolution import spec_of
 from drm_env.sub_env import SubEnv
 from drm_env.vector import DrmVectorEnv
@@ -186,8 +187,11 @@ class DrmSB3VecEnv(OptionsAreNoAttributes, VecEnv):
         last, metrics, diverged, settled = self.batch.ended()
         rows = episode_rows(metrics, diverged, settled).T
         contexts = self.batch.contexts.infos()
+        keys = mission_keys(self.batch.resolved_config.held.mission_legs)
+        missions = self.batch.ended_missions()
         for index in np.flatnonzero(dones).tolist():
             info = infos[index]
+            info.update(zip(keys, missions[index].tolist(), strict=True))
             info.update(self._contexts[index])
             info.update(zip(EPISODE_KEYS, rows[index].tolist(), strict=True))
             info["TimeLimit.truncated"] = bool(timeouts[index])

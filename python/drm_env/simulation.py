@@ -28,6 +28,7 @@ from drm_env.configuration import (
 )
 from drm_env.errors import ConfigError
 from drm_env.loads import metric_items
+from drm_env.missions import LegRecord, leg_records
 from drm_env.resolved import ResolvedConfig
 
 if TYPE_CHECKING:
@@ -61,14 +62,20 @@ class Trajectory(dict[str, NDArray[np.float64]]):
     ----------
     metrics
         the metrics of the whole manoeuvre by name, floats; see `episode_metrics` for what they are.
+    legs
+        of a mission, a `LegRecord` each; empty of a manoeuvre.
     """
 
     def __init__(
-        self, signals: Mapping[str, NDArray[np.float64]], metrics: dict[str, float]
+        self,
+        signals: Mapping[str, NDArray[np.float64]],
+        metrics: dict[str, float],
+        legs: tuple[LegRecord, ...] = (),
     ) -> None:
         """Holds what the engine returned."""
         super().__init__(signals)
         self.metrics = metrics
+        self.legs = legs
 
     def __missing__(self, name: str) -> NDArray[np.float64]:
         """Refuses a name that no signal has.
@@ -103,8 +110,8 @@ class Trajectory(dict[str, NDArray[np.float64]]):
         write_mat(path, {**self, "metrics": self.metrics})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles hold signals and metrics."""
-        return type(self), (dict(self), self.metrics)
+        """Copies and pickles hold signals, metrics and legs."""
+        return type(self), (dict(self), self.metrics, self.legs)
 
     def __repr__(self) -> str:
         """Names, duration and number of samples."""
@@ -132,6 +139,7 @@ def trajectory_of(
     index: int,
     metrics: Mapping[str, NDArray[np.float64]],
     signals: Mapping[str, NDArray[np.float64]],
+    legs: tuple[LegRecord, ...] = (),
 ) -> Trajectory:
     """One manoeuvre of many, up to its end."""
     rows = {name: values[index] for name, values in signals.items()}
@@ -140,6 +148,7 @@ def trajectory_of(
     return Trajectory(
         {name: row[:samples] for name, row in rows.items()},
         {name: float(values[index]) for name, values in metrics.items()},
+        legs,
     )
 
 
@@ -159,7 +168,8 @@ def simulate(
     scenario
         any part of a scenario; what is left out has its default (the thesis' standard
         manoeuvre). ``None`` is all of it. A `ResolvedConfig` that draws nothing stands for the
-        manoeuvre in it.
+        manoeuvre in it. A mapping ``{"scenario": ..., "mission": {"legs": [...]}}`` is a mission,
+        whose legs are flown one after the other; see docs/missions.md.
     law
         a name (``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``), a mapping of its
         parameters, or a callable: it is given what is measured and known, shape (1, k) with the
@@ -224,13 +234,13 @@ def simulate(
             loads,
         )
         return trajectory_of(0, metrics_of(rows, measured), dict(kept))
-    signals, metrics, measured = _engine.simulate(
+    signals, metrics, measured, legs = _engine.simulate(
         engine_scenario(scenario), law_json(law), decimation, first, loads
     )
     stated = dict(metrics)
     if measured is not None:
         stated |= {name: float(value) for name, value in metric_items(*measured)}
-    return Trajectory(dict(signals), stated)
+    return Trajectory(dict(signals), stated, leg_records(legs))
 
 
 def sample_scenarios(

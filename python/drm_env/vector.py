@@ -40,6 +40,7 @@ from drm_env._spaces import ObservationEntry, batch_box
 from drm_env._spec import json_spec, own_metadata, step_limit
 from drm_env.configuration import ConfigLike, flat_options, resolve_options
 from drm_env.errors import ConfigError, ResetNeededError
+from drm_env.missions import mission_keys
 from drm_env.pictures import Look, Pictures
 from drm_env.resolved import ResolvedConfig
 from drm_env.sub_env import SubEnv
@@ -197,6 +198,7 @@ class DrmVectorEnv(
     def _make_templates(self) -> None:
         """What is derived from the rest, and not kept in a pickle."""
         self._everywhere = _constant(True, self.num_envs)
+        self._mission_keys = mission_keys(self._resolved.held.mission_legs)
         self._contexts = Contexts(self.num_envs)
         self._ended_contexts = self._contexts
         self._info: Info = {}
@@ -343,6 +345,8 @@ class DrmVectorEnv(
         else:
             info = self._info.copy()
             info.update(zip(REWARD_KEYS, buffers.terms.T, strict=True))
+        if self._mission_keys:
+            info["mission/leg"] = self._engine.legs()
         return (*buffers[:4], info)
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Buffers, bool, bool]:
@@ -412,6 +416,14 @@ class DrmVectorEnv(
             # a manoeuvre that was not flown to its end has no energy left at its end
             metrics[~engine.diverged(), _RESIDUAL_ENERGY] = np.nan
         return engine.final_obs(), metrics, engine.diverged(), engine.success()
+
+    def ended_missions(self) -> NDArray[np.float64]:
+        """What infos say of the missions that ended in the last step: shape (num_envs, keys).
+
+        Columns are the place of the leg under way and the sums of the reward's terms of each leg
+        that takes time; there are none where episodes are manoeuvres.
+        """
+        return self._engine.mission_reports(len(self._mission_keys))
 
     def render(self) -> tuple[Any, ...] | None:
         """One frame of each sub-environment, as `DrmEnv.render` returns it.
@@ -503,6 +515,9 @@ class DrmVectorEnv(
             **shared_info(REWARD_KEYS, (zeros,) * len(REWARD_KEYS), self._everywhere),
             **shared_info(EPISODE_KEYS, (zeros,) * len(EPISODE_KEYS), nowhere),
         }
+        if keys := self._mission_keys:
+            self._info |= shared_info(keys[:1], (zeros,), self._everywhere)
+            self._info |= shared_info(keys[1:], (zeros,) * (len(keys) - 1), nowhere)
         self._unread = False
 
     def _eventful_info(self, buffers: Buffers) -> Info:
@@ -513,6 +528,8 @@ class DrmVectorEnv(
         if done.any():
             last, metrics, diverged, settled = self.ended()
             ended = masked_info(EPISODE_KEYS, episode_rows(metrics, diverged, settled), done)
+            if self._mission_keys:
+                ended.update(masked_info(self._mission_keys[1:], self.ended_missions().T[1:], done))
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 ended.update(masked_info(CONTEXT_KEYS, self._ended_contexts.shown, done))
                 ended.update(masked_info(REWARD_KEYS, terms, done))

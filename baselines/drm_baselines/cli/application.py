@@ -14,6 +14,7 @@ from drm_baselines.cli.demo import demo
 from drm_baselines.cli.evaluate import evaluate
 from drm_baselines.cli.imitate import imitate
 from drm_baselines.cli.info import info
+from drm_baselines.cli.mission import mission
 from drm_baselines.cli.modes import modes
 from drm_baselines.cli.plan import plan
 from drm_baselines.cli.render import render
@@ -68,8 +69,8 @@ def _options(
 
 
 for _command in (
-    info, modes, stability, plan, size, simulate, compare, render, train, imitate, tune, evaluate,
-    benchmark, sweep, demo, reproduce, bench,
+    info, modes, stability, plan, size, simulate, mission, compare, render, train, imitate, tune,
+    evaluate, benchmark, sweep, demo, reproduce, bench,
 ):  # fmt: skip
     # these two see to the file that --json took once
     _loose = _command in (benchmark, bench)

@@ -15,8 +15,10 @@ use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
 use drm_env::plant::Torques;
 use drm_env::reference::Extension;
-use drm_env::rollout::{Pilot, SIGNAL_NAMES, TOLD_NAMES as MEASUREMENTS, fly_one_loaded};
-use drm_env::simulation::loads::LOAD_NAMES;
+use drm_env::rollout::{
+    LoadedTrajectory, Pilot, SIGNAL_NAMES, TOLD_NAMES as MEASUREMENTS, fly_one_loaded,
+};
+use drm_env::simulation::loads::{LOAD_NAMES, LoadMetrics};
 use drm_env::simulation::metrics::METRIC_NAMES;
 use drm_env::simulation::servo_model;
 use drm_env::{env, interruption, memory, rollout as flights};
@@ -24,8 +26,8 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, Out1, Out2};
-use crate::config::{Config, Manoeuvre};
-use crate::env::scenario_text;
+use crate::config::{Config, Flyable, LegRow, Manoeuvre, leg_rows};
+use crate::env::flown_text;
 use crate::error::{Outcome, check_shape, detached, guarded};
 
 /// The arm with one payload.
@@ -374,31 +376,47 @@ pub(crate) fn simulate<'py>(
     Vec<(&'static str, Out1<'py, f64>)>,
     Vec<(&'static str, f64)>,
     Option<(Out1<'py, f64>, Out1<'py, f64>)>,
+    Vec<LegRow>,
 )> {
-    let (signals, metrics, loads) = detached(py, || {
-        let scenario = scenario.scenario(None)?;
-        let law = law_from_json(law)?;
+    let (flown, legs) = detached(py, || {
         let seed = Seed::from_le_bytes(seed);
-        if loads {
-            let flown = fly_one_loaded(&scenario, &Pilot::law(&law)?, every.0, seed)?;
-            return Ok::<_, Error>((flown.signals, flown.metrics, Some(flown.loads)));
+        match scenario.flyable(None)? {
+            Flyable::Scenario(scenario) => {
+                let law = law_from_json(law)?;
+                let flown = if loads {
+                    fly_one_loaded(&scenario, &Pilot::law(&law)?, every.0, seed)?
+                } else {
+                    let flown = flights::simulate(scenario, &law, every.0, seed)?;
+                    LoadedTrajectory {
+                        signals: SIGNAL_NAMES.into_iter().zip(flown.signals).collect(),
+                        metrics: flown.metrics,
+                        loads: LoadMetrics::VOID,
+                    }
+                };
+                Ok::<_, Error>((flown, Vec::new()))
+            }
+            Flyable::Mission(mission) => {
+                let law = law_from_json(law)?;
+                let pilot = Pilot::law(&law)?;
+                let (flown, legs) =
+                    flights::fly_one_mission(&mission, &pilot, every.0, seed, loads)?;
+                Ok((flown, leg_rows(mission.mission(), &legs)))
+            }
         }
-        let flown = flights::simulate(scenario, &law, every.0, seed)?;
-        let signals = SIGNAL_NAMES.into_iter().zip(flown.signals).collect();
-        Ok((signals, flown.metrics, None))
     })?;
-    let signals = signals.into_iter();
-    let metrics = METRIC_NAMES.into_iter().zip(metrics.values());
+    let signals = flown.signals.into_iter();
+    let metrics = METRIC_NAMES.into_iter().zip(flown.metrics.values());
     Ok((
         signals
             .map(|(name, values)| (name, Out1::vector(py, values)))
             .collect(),
         metrics.collect(),
-        loads.map(|loads| {
-            [loads.peak, loads.rms]
+        loads.then(|| {
+            [flown.loads.peak, flown.loads.rms]
                 .map(|x| Out1::vector(py, x.to_vec()))
                 .into()
         }),
+        legs,
     ))
 }
 
@@ -441,7 +459,7 @@ pub(crate) fn sample_scenarios(
         let scenarios = env::sample_scenarios(config, &seeds)?;
         let text = |scenario| {
             interruption::poll();
-            scenario_text(scenario)
+            flown_text(config, scenario)
         };
         let texts: Vec<String> = scenarios.iter().map(text).collect();
         Ok::<_, Error>(format!("[{}]", texts.join(",")))

@@ -216,6 +216,27 @@ impl Batch {
         })
     }
 
+    /// Place of the mission's leg under way in each environment; zeros where episodes are manoeuvres.
+    fn legs<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
+        let legs = self.engine.look(py, |engine| Ok(engine.legs()))?;
+        let places = legs.into_iter().map(|leg| leg as f64).collect();
+        Ok(Out1::vector(py, places))
+    }
+
+    /// `Env.mission_report` of the episodes that ended in the last step, a row an environment of so many
+    /// entries; zeros elsewhere.
+    fn mission_reports<'py>(&self, py: Python<'py>, size: usize) -> Outcome<Out2<'py, f64>> {
+        let mut rows = vec![0.0; self.num_envs * size];
+        self.engine.look(py, |engine| {
+            for (i, ended) in engine.ended() {
+                let count = size.min(ended.mission.len());
+                rows[i * size..][..count].copy_from_slice(&ended.mission[..count]);
+            }
+            Ok(())
+        })?;
+        Ok(Out2::new(py, (self.num_envs, size), rows))
+    }
+
     /// Whether each environment began an episode in the last call.
     fn reset_happened<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, bool>> {
         let mut began = vec![false; self.num_envs];

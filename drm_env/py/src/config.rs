@@ -1,13 +1,17 @@
 //! Configuration as text, and the names that go with it.
 
+use drm_env::config::mission::{Leg, Mission, ValidMission};
 use drm_env::config::options::OPTIONS;
 use drm_env::config::parameter::PARAMETERS;
 use drm_env::config::scenario::ValidScenario;
-use drm_env::config::{EnvConfig, PRESETS, ValidConfig, context, scenario_from_json};
+use drm_env::config::{
+    EnvConfig, PRESETS, ValidConfig, context, mission_from_json, scenario_from_json,
+};
 use drm_env::env::observation;
 use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error};
 use drm_env::interruption;
+use drm_env::simulation::LegRecord;
 use drm_env::simulation::identification::Identified;
 use drm_env::simulation::metrics::METRIC_NAMES;
 use pyo3::prelude::*;
@@ -58,6 +62,101 @@ impl Manoeuvre {
     }
 }
 
+/// What is flown: a manoeuvre or a mission.
+pub(crate) enum Flyable {
+    Scenario(ValidScenario),
+    Mission(Box<ValidMission>),
+}
+
+impl Manoeuvre {
+    /// What the engine flies, be it a mission: text that names `mission`, or a configuration with one.
+    pub(crate) fn flyable(&self, name: Option<&str>) -> Result<Flyable, ConfigError> {
+        let mission = match self {
+            Self::Text(text) if names_mission(text) => mission_from_json(text),
+            Self::Held(config) if config.get().held().mission.is_some() => {
+                let scenario = self.scenario(name)?;
+                let config = config.get().held();
+                match &config.mission {
+                    Some(mission) => ValidMission::new(mission, scenario),
+                    None => return Ok(Flyable::Scenario(scenario)),
+                }
+            }
+            _ => return self.scenario(name).map(Flyable::Scenario),
+        };
+        let mission = mission.map_err(|error| match name {
+            Some(name) => error.within(name),
+            None => error,
+        });
+        mission.map(|mission| Flyable::Mission(Box::new(mission)))
+    }
+}
+
+/// Whether JSON text is an object with the key `mission`.
+fn names_mission(text: &str) -> bool {
+    // scenarios, which are many, are not read twice
+    text.contains("\"mission\"")
+        && serde_json::from_str::<Map<String, Value>>(text)
+            .is_ok_and(|document| document.contains_key("mission"))
+}
+
+/// Place, kind, beginning (s), reference angle there (rad), mass that was planned for (kg), momentum (N m s)
+/// and energy (J) that came with a payload, sums of the reward's terms, and metrics.
+pub(crate) type LegRow = (
+    usize,
+    &'static str,
+    f64,
+    f64,
+    f64,
+    (f64, f64),
+    Vec<f64>,
+    Vec<f64>,
+);
+
+/// Legs as Python takes them.
+pub(crate) fn leg_rows(mission: &Mission, legs: &[LegRecord]) -> Vec<LegRow> {
+    legs.iter()
+        .map(|leg| {
+            (
+                leg.leg,
+                mission.legs.get(leg.leg).map_or("", Leg::name),
+                leg.start,
+                leg.angle,
+                leg.planned_mass,
+                (leg.exchange.momentum, leg.exchange.energy),
+                leg.terms.to_vec(),
+                leg.metrics.values().to_vec(),
+            )
+        })
+        .collect()
+}
+
+/// Manoeuvres or missions of a rollout.
+pub(crate) enum Flyables {
+    Scenarios(Vec<ValidScenario>),
+    Missions(Vec<ValidMission>),
+}
+
+/// All that is flown in one rollout: either manoeuvres or missions.
+pub(crate) fn flyables(given: &[Manoeuvre]) -> Result<Flyables, ConfigError> {
+    let (mut scenarios, mut missions) = (Vec::new(), Vec::new());
+    for (i, manoeuvre) in given.iter().enumerate() {
+        interruption::poll();
+        let name = format!("scenarios[{i}]");
+        match manoeuvre.flyable(Some(&name))? {
+            Flyable::Scenario(scenario) => scenarios.push(scenario),
+            Flyable::Mission(mission) => missions.push(*mission),
+        }
+        if !(scenarios.is_empty() || missions.is_empty()) {
+            let message = "manoeuvres and missions cannot be flown in one rollout";
+            return Err(ConfigError::form(name, message));
+        }
+    }
+    if missions.is_empty() {
+        return Ok(Flyables::Scenarios(scenarios));
+    }
+    Ok(Flyables::Missions(missions))
+}
+
 #[pymethods]
 impl Config {
     /// A task's defaults, overlaid with parts of a configuration and then with flat options, both as
@@ -101,6 +200,12 @@ impl Config {
     #[getter]
     fn action_size(&self) -> usize {
         self.0.task.actuators.len()
+    }
+
+    /// Places in the mission's list of the legs that take time; none where episodes are manoeuvres.
+    #[getter]
+    fn mission_legs(&self) -> Vec<usize> {
+        self.0.timed_legs()
     }
 
     /// Flat names of the parameters that are drawn for each episode.

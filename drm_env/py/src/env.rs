@@ -5,14 +5,14 @@ use drm_env::env::reward::REWARD_NAMES;
 use drm_env::error::{ConfigError, Error, SimulationError};
 use drm_env::math::rng::Seed;
 use drm_env::render::from_simulation::{magnification, moment, stage};
-use drm_env::rollout::{SIGNAL_NAMES, signals};
+use drm_env::rollout::{SIGNAL_NAMES, signals_from};
 use drm_env::simulation::Flight;
 use drm_env::simulation::metrics::METRIC_NAMES;
-use drm_env::{Env as Engine, Scenario, render};
+use drm_env::{Env as Engine, EnvConfig, Scenario, render};
 use pyo3::prelude::*;
 
 use crate::arrays::{In1, Out1};
-use crate::config::Config;
+use crate::config::{Config, LegRow, leg_rows};
 use crate::error::{Outcome, detached};
 use crate::kept::ScenarioDelta;
 
@@ -32,14 +32,23 @@ pub(crate) fn flight(engine: &Engine) -> Result<&Flight, Error> {
 /// Names and values of the signals now.
 pub(crate) fn signals_now(engine: &Engine) -> Result<Vec<(&'static str, f64)>, Error> {
     let flight = flight(engine)?;
-    let values = signals(flight, flight.last_torques());
+    let values = signals_from(flight, flight.last_torques(), engine.leg());
     Ok(SIGNAL_NAMES.into_iter().zip(values).collect())
 }
 
 /// A scenario as JSON text.
-pub(crate) fn scenario_text(scenario: &Scenario) -> String {
+fn scenario_text(scenario: &Scenario) -> String {
     // a struct of numbers and names always serialises
     serde_json::to_string(scenario).unwrap_or_default()
+}
+
+/// A scenario of a configuration as JSON text; with the mission, if there is one.
+pub(crate) fn flown_text(config: &EnvConfig, scenario: &Scenario) -> String {
+    let mission = config.mission.as_ref();
+    mission.map_or_else(
+        || scenario_text(scenario),
+        |mission| serde_json::json!({"mission": mission, "scenario": scenario}).to_string(),
+    )
 }
 
 /// The present state as a picture of letters.
@@ -187,8 +196,26 @@ impl Env {
 
     /// The manoeuvre of this episode as JSON text.
     fn scenario_json(&self, py: Python<'_>) -> Outcome<String> {
-        self.engine
-            .look(py, |engine| Ok(scenario_text(&flight(engine)?.scenario())))
+        self.engine.look(py, |engine| {
+            flight(engine)?;
+            Ok(flown_text(engine.config(), &engine.scenario()))
+        })
+    }
+
+    /// Place of the mission's leg under way, and three sums of the reward's terms of every leg that takes
+    /// time; empty where episodes are manoeuvres.
+    fn mission_report<'py>(&self, py: Python<'py>) -> Outcome<Out1<'py, f64>> {
+        let values = self.engine.look(py, |engine| Ok(engine.mission_report()))?;
+        Ok(Out1::vector(py, values))
+    }
+
+    /// Legs of the mission flown in this episode, and the one under way.
+    fn legs(&self, py: Python<'_>) -> Outcome<Vec<LegRow>> {
+        self.engine.look(py, |engine| {
+            flight(engine)?;
+            let mission = engine.config().mission.as_ref();
+            Ok(mission.map_or_else(Vec::new, |mission| leg_rows(mission, &engine.legs())))
+        })
     }
 
     /// Names and present values of the signals.

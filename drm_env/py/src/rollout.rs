@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In1, In2, In3, Out2};
-use crate::config::{Config, Manoeuvre};
+use crate::config::{Config, Flyables, LegRow, Manoeuvre, flyables, leg_rows};
 use crate::error::{Failure, Outcome, check_shape, detached};
 use crate::threads::within_processors;
 
@@ -137,7 +137,7 @@ pub(crate) fn returned(py: Python<'_>, count: usize, flown: Flown) -> Returned<'
 
 /// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
 /// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
-/// `every`-th sample, and with `loads` their peaks and root mean squares, a row a manoeuvre each. `progress(flown, all)` is called now and then; what it raises ends the work
+/// `every`-th sample, with `loads` their peaks and root mean squares, a row a manoeuvre each, and the legs of each mission. `progress(flown, all)` is called now and then; what it raises ends the work
 /// and is raised here.
 #[pyfunction]
 #[pyo3(signature = (scenarios, pilot, seeds, num_threads, progress, signals, every, loads=false))]
@@ -156,7 +156,7 @@ pub(crate) fn rollout<'py>(
     signals: Option<Vec<String>>,
     every: Count,
     loads: bool,
-) -> Outcome<Returned<'py>> {
+) -> Outcome<(Returned<'py>, Vec<Vec<LegRow>>)> {
     let num_threads = within_processors(py, num_threads)?;
     let mut raised: Option<PyErr> = None;
     let count = scenarios.len();
@@ -187,14 +187,7 @@ pub(crate) fn rollout<'py>(
             }
         };
         let recording = recording(signals, every, loads)?;
-        let scenarios = scenarios
-            .iter()
-            .enumerate()
-            .map(|(i, manoeuvre)| {
-                interruption::poll();
-                manoeuvre.scenario(Some(&format!("scenarios[{i}]")))
-            })
-            .collect::<Result<Vec<_>, _>>()?;
+        let flown = flyables(&scenarios)?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
         let report = |flown: usize| {
             let Some(callback) = &progress else {
@@ -208,10 +201,23 @@ pub(crate) fn rollout<'py>(
             recording,
             ..Options::default()
         };
-        flights::fly(&scenarios, &pilot, &seeds, &options, report)
+        match flown {
+            Flyables::Scenarios(scenarios) => {
+                let flown = flights::fly(&scenarios, &pilot, &seeds, &options, report)?;
+                Ok((flown, Vec::new()))
+            }
+            Flyables::Missions(missions) => {
+                let flown = flights::fly_missions(&missions, &pilot, &seeds, &options, report)?;
+                let pairs = missions.iter().zip(&flown.legs);
+                let legs = pairs.map(|(mission, legs)| leg_rows(mission.mission(), legs));
+                let legs = legs.collect();
+                Ok((flown, legs))
+            }
+        }
     });
     if let Some(error) = raised {
         return Err(Failure::from(error));
     }
-    Ok(returned(py, count, result?))
+    let (flown, legs) = result?;
+    Ok((returned(py, count, flown), legs))
 }

@@ -451,6 +451,14 @@ impl Batch {
         Some(self.groups[group].pack.context(lane))
     }
 
+    /// Places in the mission's list of the legs under way; zeros of manoeuvres.
+    pub fn legs(&self) -> Vec<usize> {
+        let places = self.places();
+        places
+            .map(|(group, lane)| self.groups[group].pack.leg(lane))
+            .collect()
+    }
+
     /// True slew angle (rad) and half the deflections of the links' ends (m), then their rates, of
     /// one environment: what its sensors do not tell.
     pub fn coordinates(&self, index: usize) -> Option<[f64; COORDINATES]> {

@@ -1,5 +1,6 @@
 //! Configurations from JSON text.
 
+use crate::config::mission::{Mission, ValidMission};
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::control::Law;
 use crate::error::ConfigError;
@@ -33,6 +34,42 @@ pub(crate) fn name_law(law: &mut Value) {
 pub fn scenario_from_json(text: &str) -> Result<ValidScenario, ConfigError> {
     let scenario: Scenario = typed(Value::Object(object("scenario", text)?))?;
     ValidScenario::new(scenario)
+}
+
+/// A mission from JSON text: an object with `mission`, and `scenario` with what all legs have in common;
+/// parts left out have their defaults, a horizon too short for the legs is lengthened to theirs unless it is
+/// given.
+///
+/// # Errors
+/// Malformed text, unknown names, values of the wrong type or out of range; each with its path.
+pub fn mission_from_json(text: &str) -> Result<ValidMission, ConfigError> {
+    let mut document = object("mission", text)?;
+    let mission: Mission = typed_part(&mut document, "mission")?;
+    let scenario = document.remove("scenario").unwrap_or_else(|| json!({}));
+    if let Some(name) = document.keys().next() {
+        let message = "unknown field of a mission; there are mission and scenario";
+        return Err(ConfigError::form(name, message));
+    }
+    let has_horizon = scenario
+        .get("horizon")
+        .is_some_and(|value| !value.is_null());
+    let scenario: Scenario = typed(scenario).map_err(|e| e.within("scenario"))?;
+    if has_horizon {
+        let scenario = ValidScenario::new(scenario).map_err(|e| e.within("scenario"))?;
+        return ValidMission::new(&mission, scenario);
+    }
+    ValidMission::with_horizon(&mission, scenario)
+}
+
+/// Takes a part out of a document and reads it.
+fn typed_part<T: DeserializeOwned + Default>(
+    document: &mut Map<String, Value>,
+    name: &str,
+) -> Result<T, ConfigError> {
+    match document.remove(name) {
+        None | Some(Value::Null) => Ok(T::default()),
+        Some(value) => typed(value).map_err(|e| e.within(name)),
+    }
 }
 
 /// A law from JSON text: an object, or the bare name in quotes.

@@ -3,6 +3,7 @@
 
 pub mod distribution;
 pub(crate) mod json;
+pub mod mission;
 pub mod options;
 pub mod parameter;
 pub(crate) mod reward;
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::config::distribution::Distribution;
+use crate::config::mission::{Mission, ValidMission};
 use crate::config::options::{apply_option, overlay, release_fixed};
 use crate::config::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
 use crate::config::scenario::{Scenario, ValidScenario};
@@ -24,7 +26,7 @@ use crate::hardware::sensors::Sensors;
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::plant::PlantModel;
 
-pub use json::{law_from_json, scenario_from_json};
+pub use json::{law_from_json, mission_from_json, scenario_from_json};
 use json::{name_law, object, typed};
 pub use reward::Reward;
 pub use task::{Actuator, Limits, ObservePayload, Task};
@@ -40,6 +42,9 @@ pub struct EnvConfig {
     pub randomize: Randomize,
     /// Action, observation and reward.
     pub task: Task,
+    /// Legs of which an episode is made; null is one manoeuvre, the scenario's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mission: Option<Mission>,
 }
 
 impl Default for EnvConfig {
@@ -56,7 +61,7 @@ impl Default for EnvConfig {
 }
 
 /// Names of the presets, one a registered environment.
-pub const PRESETS: [&str; 7] = [
+pub const PRESETS: [&str; 8] = [
     "slew",
     "slew_residual",
     "slew_thesis",
@@ -64,7 +69,11 @@ pub const PRESETS: [&str; 7] = [
     "slew_v1",
     "slew_residual_v1",
     "slew_flexible",
+    "mission",
 ];
+
+/// Duration of an episode of the default mission, s: a little more than its legs can take.
+const MISSION_HORIZON: f64 = 120.0;
 
 /// Draws with which a configuration is tried, and attempts after which overrides are refused.
 const TRIALS: u64 = 64;
@@ -82,6 +91,7 @@ impl EnvConfig {
             scenario: Scenario::default(),
             randomize: Randomize::default(),
             task: Task::default(),
+            mission: None,
         }
     }
 
@@ -111,6 +121,11 @@ impl EnvConfig {
                 config.task.made_for_learning();
                 config.task.control_period = 0.02;
                 config.make_flexible();
+            }
+            "mission" => {
+                config.task.made_for_learning();
+                config.mission = Some(Mission::default());
+                config.scenario.horizon = MISSION_HORIZON;
             }
             other => {
                 return Err(ConfigError::value(
@@ -173,6 +188,10 @@ impl EnvConfig {
             serde_json::to_value(&base).map_err(|e| ConfigError::form("configuration", e))?;
         if let Some(text) = config {
             let parts = object("config", text)?;
+            if is_whole(&parts, &document) {
+                // a whole configuration that says nothing of a mission has none
+                document["mission"] = Value::Null;
+            }
             release_fixed(&mut document, &parts);
             overlay(&mut document, parts);
         }
@@ -214,6 +233,9 @@ impl EnvConfig {
     /// The first value that cannot be flown or judged, with its path.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.task.validate(&self.scenario)?;
+        if let Some(mission) = &self.mission {
+            mission.check_control_period(self.task.control_period)?;
+        }
         let drawn = self.randomize.distributions();
         let (mut lowest, mut highest) = (self.scenario, self.scenario);
         for (parameter, distribution) in PARAMETERS.iter().zip(&drawn) {
@@ -229,7 +251,7 @@ impl EnvConfig {
             }
         }
         if !self.draws() {
-            return lowest.validate();
+            return self.check(&lowest);
         }
         let trials: Vec<_> = (0..TRIALS)
             .map(|episode| self.attempt(Seed::default(), episode, 0, &[]))
@@ -238,19 +260,19 @@ impl EnvConfig {
         // an end is tried beside these
         let others: Vec<Scenario> = [&lowest, &highest]
             .into_iter()
-            .filter(|ends| ends.validate().is_ok())
+            .filter(|ends| self.check(ends).is_ok())
             .chain(flyable.clone().map(|trial| &**trial))
             .copied()
             .collect();
         if others.is_empty() {
-            return lowest.validate();
+            return self.check(&lowest);
         }
         for (parameter, distribution) in PARAMETERS.iter().zip(&drawn) {
             for extreme in distribution.iter().flat_map(|d| d.extremes()) {
                 let mut first = None;
                 for mut scenario in others.iter().copied() {
                     parameter.set(&mut scenario, &extreme)?;
-                    match scenario.validate() {
+                    match self.check(&scenario) {
                         Ok(()) => {
                             first = None;
                             break;
@@ -277,6 +299,26 @@ impl EnvConfig {
         }
     }
 
+    /// Refuses a scenario that cannot be flown, alone or in the mission.
+    fn check(&self, scenario: &Scenario) -> Result<(), ConfigError> {
+        let scenario = ValidScenario::new(*scenario)?;
+        self.mission_of(scenario).map(|_| ())
+    }
+
+    /// The mission of an episode with this scenario, if episodes are missions.
+    ///
+    /// # Errors
+    /// A leg that cannot be flown.
+    pub(crate) fn mission_of(
+        &self,
+        scenario: ValidScenario,
+    ) -> Result<Option<ValidMission>, ConfigError> {
+        let mission = self.mission.as_ref();
+        mission
+            .map(|mission| ValidMission::new(mission, scenario))
+            .transpose()
+    }
+
     /// Flat names of the parameters that are drawn for each episode.
     pub fn drawn(&self) -> Vec<&'static str> {
         let drawn = self.randomize.distributions();
@@ -284,6 +326,13 @@ impl EnvConfig {
         named
             .filter_map(|(parameter, distribution)| distribution.map(|_| parameter.name))
             .collect()
+    }
+
+    /// Places in the mission's list of the legs that take time; none without a mission.
+    pub fn timed_legs(&self) -> Vec<usize> {
+        let legs = self.mission.iter().flat_map(|mission| &mission.legs);
+        let timed = legs.enumerate().filter(|(_, leg)| leg.takes_time());
+        timed.map(|(place, _)| place).collect()
     }
 
     /// Whether anything is drawn.
@@ -386,7 +435,9 @@ impl EnvConfig {
         if mass_drawn {
             scenario.hide_dimensions();
         }
-        ValidScenario::new(scenario)
+        let scenario = ValidScenario::new(scenario)?;
+        self.mission_of(scenario)?;
+        Ok(scenario)
     }
 
     /// Samples in a control period.
@@ -403,6 +454,14 @@ impl EnvConfig {
     pub fn schema() -> Value {
         schemars::schema_for!(Self).to_value()
     }
+}
+
+/// Whether parts of a configuration have every field of the scenario and of the task.
+fn is_whole(parts: &serde_json::Map<String, Value>, base: &Value) -> bool {
+    ["scenario", "task"].iter().all(|name| {
+        let size = |part: Option<&Value>| part.and_then(Value::as_object).map(|o| o.len());
+        size(parts.get(*name)) == size(base.get(*name))
+    })
 }
 
 /// The flat context of a scenario, in the order of [`PARAMETERS`].

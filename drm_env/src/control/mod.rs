@@ -207,6 +207,26 @@ impl<T: Lane> LawMemory<T> {
     }
 }
 
+impl LawMemory<f64> {
+    /// What is still true where another payload is held: the error of the angle and the vibration, not
+    /// what has been learnt of the payload.
+    pub(crate) fn with_other_payload(self) -> Self {
+        Self {
+            started: 0.0,
+            servo: self.servo.with_other_payload(),
+            ..self
+        }
+    }
+
+    /// The same knowledge where the reported mass is another one: `part` is the one before over it.
+    pub(crate) fn with_report(self, part: f64) -> Self {
+        Self {
+            servo: self.servo.with_report(part),
+            ..self
+        }
+    }
+}
+
 /// Inertia of link 2 and the *reported* payload as the Lyapunov law uses it (constant in an episode).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownInertia<T> {

@@ -318,6 +318,25 @@ impl ServoMemory<f64> {
         row
     }
 
+    /// What is still true where another payload is held: nothing is known of its mass.
+    pub(super) fn with_other_payload(self) -> Self {
+        Self {
+            mass: 0.0,
+            covariance: [0.0; 3],
+            ..self
+        }
+    }
+
+    /// The same knowledge told from another reported mass: `part` is the one before over it.
+    pub(super) fn with_report(self, part: f64) -> Self {
+        let [error, both, mass] = self.covariance;
+        Self {
+            mass: (1.0 + self.mass).mul_add(part, -1.0),
+            covariance: [error, both * part, mass * part * part],
+            ..self
+        }
+    }
+
     /// From a row of numbers.
     pub fn from_numbers(row: &[f64; SERVO_MEMORY]) -> Self {
         let &[error, mass, p, q, r, a, b, c, d, e, f, rate, root, tip] = row;

@@ -54,6 +54,8 @@ pub(crate) trait AnyEnvPack: Send + Sync + Debug {
     fn set_context(&mut self, lane: usize, settings: Overrides);
     /// The true context of a lane.
     fn context(&self, lane: usize) -> [f64; COUNT];
+    /// Place of the leg under way in a lane; 0 of a manoeuvre.
+    fn leg(&self, lane: usize) -> usize;
     /// True coordinates of a lane and their rates: see [`crate::batch::Batch::coordinates`].
     fn coordinates(&self, lane: usize) -> [f64; COORDINATES];
     /// Where a lane is in its life.
@@ -109,6 +111,7 @@ impl<T: Vector> AnyEnvPack for EnvPack<T> {
         Ended {
             metrics: env.metrics(),
             context: env.context().to_vec(),
+            mission: env.mission_report(),
             observation: env.observations,
         }
     }
@@ -135,7 +138,14 @@ impl<T: Vector> AnyEnvPack for EnvPack<T> {
     }
 
     fn context(&self, lane: usize) -> [f64; COUNT] {
-        context(&self.flight.scenario_of(lane))
+        match self.course_of(lane) {
+            Some(course) => context(course.mission().scenario()),
+            None => context(&self.flight.scenario_of(lane)),
+        }
+    }
+
+    fn leg(&self, lane: usize) -> usize {
+        self.course_of(lane).map_or(0, |course| course.leg())
     }
 
     fn coordinates(&self, lane: usize) -> [f64; COORDINATES] {
@@ -229,6 +239,8 @@ pub struct Ended {
     pub metrics: Metrics,
     /// Context of the episode.
     pub context: Vec<f64>,
+    /// See [`Env::mission_report`].
+    pub mission: Vec<f64>,
 }
 
 /// Entries of [`Batch::coordinates`].

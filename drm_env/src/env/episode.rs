@@ -4,6 +4,7 @@ use crate::config::parameter::Overrides;
 use crate::config::scenario::ValidScenario;
 use crate::error::SimulationError;
 use crate::math::rng::Seed;
+use crate::simulation::course::Course;
 use serde::{Deserialize, Serialize};
 
 /// Where an environment is in its life.
@@ -22,6 +23,8 @@ pub(crate) struct Member {
     pub(crate) phase: Phase,
     /// Overrides of what is drawn, in every episode.
     pub(crate) persistent: Overrides,
+    /// The mission under way, where episodes are missions.
+    pub(crate) course: Option<Box<Course>>,
 }
 
 /// An episode about to begin.

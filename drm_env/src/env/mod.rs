@@ -21,8 +21,9 @@ use crate::env::setup::Setup;
 use crate::error::{ConfigError, SimulationError};
 use crate::interruption;
 use crate::math::rng::{Purpose, Seed, Stream};
+use crate::simulation::course::Course;
 use crate::simulation::metrics::Metrics;
-use crate::simulation::{Flight, Plan};
+use crate::simulation::{Flight, LegRecord, Plan};
 
 /// What a step returns besides the observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,6 +35,9 @@ pub struct Outcome {
     /// The episode reached its horizon.
     pub truncated: bool,
 }
+
+/// Instants of each leg on the path of a mission.
+const INSTANTS_OF_PATH: usize = 60;
 
 /// One environment.
 pub type Env = EnvPack<f64>;
@@ -53,6 +57,13 @@ impl EnvPack<f64> {
         let seed = Seed::default();
         let scenario = setup.config.draw(seed, 0, &[])?;
         let noise = Stream::new(seed, 0, Purpose::Sensors);
+        let (flight, course) = match setup.config.mission_of(scenario)? {
+            None => (Flight::new(Plan::new(scenario)?, noise)?, None),
+            Some(mission) => {
+                let (flight, course) = Course::begin(mission, noise)?;
+                (flight, Some(Box::new(course)))
+            }
+        };
         Ok(Self {
             observations: vec![0.0; setup.observation_size],
             setup,
@@ -61,10 +72,12 @@ impl EnvPack<f64> {
                 episode: 0,
                 phase: Phase::Fresh,
                 persistent: Overrides::new(),
+                course,
             }],
-            flight: Flight::new(Plan::new(scenario)?, noise)?,
+            flight,
             payload: [0.0; 3],
             steps: 0.0,
+            before: 0.0,
             action: [0.0; 3],
             terms: [0.0; 3],
             episode_return: 0.0,
@@ -166,6 +179,9 @@ impl EnvPack<f64> {
 
     /// Metrics of the episode so far.
     pub fn metrics(&self) -> Metrics {
+        if let Some(course) = self.course_of(0) {
+            return course.metrics(&self.flight, self.diverged());
+        }
         self.flight.metrics(self.diverged(), self.episode_return)
     }
 
@@ -173,6 +189,9 @@ impl EnvPack<f64> {
     /// is NaN.
     pub fn progress(&self) -> Metrics {
         if self.is_running() {
+            if let Some(course) = self.course_of(0) {
+                return course.metrics_under_way(&self.flight, self.diverged());
+            }
             return self
                 .flight
                 .metrics_under_way(self.diverged(), self.episode_return);
@@ -185,9 +204,41 @@ impl EnvPack<f64> {
         context(&self.scenario())
     }
 
-    /// The manoeuvre of this episode.
+    /// The manoeuvre of this episode, or what all legs of its mission have in common.
     pub fn scenario(&self) -> Scenario {
-        self.flight.scenario()
+        self.course_of(0).map_or_else(
+            || self.flight.scenario(),
+            |course| *course.mission().scenario(),
+        )
+    }
+
+    /// Legs of the mission flown in this episode, and the one under way; none of a manoeuvre.
+    pub fn legs(&self) -> Vec<LegRecord> {
+        let course = self.course_of(0);
+        course.map_or_else(Vec::new, |course| {
+            course.records(&self.flight, self.diverged())
+        })
+    }
+
+    /// Place of the leg under way in the mission's list, and the sums of the reward's terms of every leg
+    /// that takes time, three a leg; nothing of a manoeuvre.
+    pub fn mission_report(&self) -> Vec<f64> {
+        self.course_of(0).map_or_else(Vec::new, Course::report)
+    }
+
+    /// Angle (rad) at which the mission ends, and angle and extension (m) on the way; none of a manoeuvre.
+    pub fn mission_path(&self) -> Option<(f64, Vec<(f64, f64)>)> {
+        self.course_of(0)
+            .map(|course| course.path(INSTANTS_OF_PATH))
+    }
+
+    /// Place of the leg under way in the mission's list, and time (s) and reference of the slew angle
+    /// (rad) at its beginning; zeros of a manoeuvre.
+    pub fn leg(&self) -> (usize, f64, f64) {
+        self.course_of(0).map_or((0, 0.0, 0.0), |course| {
+            let origin = course.origin(self.flight.sample_period());
+            (course.leg(), origin.time, origin.angle)
+        })
     }
 
     /// The flight of this episode.

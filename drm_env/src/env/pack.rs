@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::config::Actuator;
 use crate::config::parameter::Overrides;
+use crate::config::{Actuator, Task};
 use crate::env::agent::{Agent, hold};
 use crate::env::episode::{Draft, Member, Phase};
 use crate::env::observation::{frame_now, observe, told_payload};
@@ -17,6 +17,7 @@ use crate::simd::dispatch::{Vector, Work, variants};
 use crate::simd::mask::everyone;
 use crate::simd::mask::lanes_of;
 use crate::simd::{Laned, Number};
+use crate::simulation::course::{Course, Turn};
 use crate::simulation::hook::{Hooked, StepHook};
 use crate::simulation::{Flight, Plan};
 
@@ -37,6 +38,8 @@ pub struct EnvPack<T: Number> {
     /// Payload as it is observed: mass (kg), length and width (m).
     pub(crate) payload: [T; 3],
     pub(crate) steps: T,
+    /// Samples flown in the legs of a mission before the present one.
+    pub(crate) before: T,
     pub(crate) action: [T; 3],
     pub(crate) terms: [T; 3],
     pub(crate) episode_return: T,
@@ -55,6 +58,7 @@ impl<T: Number> EnvPack<T> {
             flight: Flight::spread(&single.flight),
             payload: Laned::spread(&single.payload),
             steps: T::splat(single.steps),
+            before: T::splat(single.before),
             action: Laned::spread(&single.action),
             terms: Laned::spread(&single.terms),
             episode_return: T::splat(single.episode_return),
@@ -71,6 +75,7 @@ impl<T: Number> EnvPack<T> {
             flight: self.flight.one(lane),
             payload: self.payload.lane_of(lane),
             steps: self.steps.lane(lane),
+            before: self.before.lane(lane),
             action: self.action.lane_of(lane),
             terms: self.terms.lane_of(lane),
             episode_return: self.episode_return.lane(lane),
@@ -85,6 +90,7 @@ impl<T: Number> EnvPack<T> {
         self.flight.put(lane, &single.flight);
         self.payload.put_lane(lane, &single.payload);
         self.steps.put_lane(lane, &single.steps);
+        self.before.put_lane(lane, &single.before);
         self.action.put_lane(lane, &single.action);
         self.terms.put_lane(lane, &single.terms);
         self.episode_return.put_lane(lane, &single.episode_return);
@@ -154,9 +160,16 @@ impl<T: Number> EnvPack<T> {
     /// Parameters that no arm has; nothing has changed then.
     pub(crate) fn begin(&mut self, lane: usize, draft: &Draft) -> Result<(), ConfigError> {
         let noise = Stream::new(draft.seed, draft.episode, Purpose::Sensors);
-        let flight = Flight::new(Plan::new(draft.scenario)?, noise)?;
-        let payload = told_payload(&draft.scenario, &self.setup.config.task)?;
+        let (flight, course) = match self.setup.config.mission_of(draft.scenario)? {
+            None => (Flight::new(Plan::new(draft.scenario)?, noise)?, None),
+            Some(mission) => {
+                let (flight, course) = Course::begin(mission, noise)?;
+                (flight, Some(Box::new(course)))
+            }
+        };
+        let payload = told_payload(&flight.scenario(), &self.setup.config.task)?;
         self.start(lane, &flight, payload, draft.seed, draft.episode);
+        self.members[lane].course = course;
         Ok(())
     }
 
@@ -176,6 +189,8 @@ impl<T: Number> EnvPack<T> {
         member.seed = seed;
         member.episode = episode;
         member.phase = Phase::Running;
+        member.course = None;
+        self.before.set_lane(lane, 0.0);
         self.payload.put_lane(lane, &payload);
         self.steps.set_lane(lane, 0.0);
         self.action.put_lane(lane, &[0.0; 3]);
@@ -248,7 +263,8 @@ impl<T: Number> EnvPack<T> {
             }
         }
         let horizon = T::splat(setup.horizon as f64);
-        let left = (horizon - self.flight.common.sample).max(zero);
+        let flown_before = self.flight.common.sample + self.before;
+        let left = (horizon - flown_before).max(zero);
         let samples = left.min(T::splat(setup.samples_per_action as f64));
         let mut agent = Agent {
             task,
@@ -296,6 +312,18 @@ impl<T: Number> EnvPack<T> {
             }
         }
         self.diverged |= lost;
+        let completed = if setup.config.mission.is_some() {
+            let mut missions = Missions {
+                task,
+                flight: &mut self.flight,
+                members: &mut self.members,
+                before: &mut self.before,
+                payload: &mut self.payload,
+            };
+            missions.turn(&self.terms, lanes & !spent, lost)
+        } else {
+            0
+        };
         // a void state is not observed: the last observation of a valid one stays
         let valid = lanes & !self.flight.void();
         let (size, frame) = (setup.observation_size, setup.frame_size);
@@ -313,16 +341,62 @@ impl<T: Number> EnvPack<T> {
                 .unwrap_or_default()
         });
         let cut = T::splat(setup.cut as f64);
-        let over = one - self.flight.common.sample.below(cut);
-        let truncated = over.bits() & lanes & !lost;
-        for lane in lanes_of(lost | truncated) {
+        let over = one - (self.flight.common.sample + self.before).below(cut);
+        let truncated = over.bits() & lanes & !lost & !completed;
+        for lane in lanes_of(lost | completed | truncated) {
             self.members[lane].phase = Phase::Ended;
         }
         Outcomes {
             reward,
-            terminated: lost,
+            terminated: lost | completed,
             truncated,
         }
+    }
+
+    /// The mission under way in a lane.
+    pub(crate) fn course_of(&self, lane: usize) -> Option<&Course> {
+        self.members[lane].course.as_deref()
+    }
+}
+
+/// What changes where the legs of missions end.
+struct Missions<'a, T: Number> {
+    task: &'a Task,
+    flight: &'a mut Flight<T>,
+    members: &'a mut [Member],
+    before: &'a mut T,
+    payload: &'a mut [T; 3],
+}
+
+impl<T: Number> Missions<'_, T> {
+    /// Lets missions go on after a step of some lanes that has paid these terms: those that have come to
+    /// the end of a leg, and are not `lost`, begin the next one. Lanes that have flown their last leg
+    /// are returned, a bit each.
+    #[inline(never)]
+    fn turn(&mut self, terms: &[T; 3], lanes: u32, lost: u32) -> u32 {
+        let mut completed = 0;
+        for lane in lanes_of(lanes) {
+            let Some(course) = &mut self.members[lane].course else {
+                continue;
+            };
+            course.pay(terms.lane_of(lane));
+            let sample = self.flight.common.sample.lane(lane) as u64;
+            if lost >> lane & 1 == 1 || !course.is_due(sample) {
+                continue;
+            }
+            match course.look(&self.flight.one(lane)) {
+                Turn::Same => continue,
+                Turn::Next(next) => {
+                    self.flight.put(lane, &next);
+                    // what flies has a payload that can be told
+                    let told = told_payload(&next.scenario(), self.task);
+                    self.payload.put_lane(lane, &told.unwrap_or([0.0; 3]));
+                }
+                Turn::Done => completed |= 1 << lane,
+            }
+            self.before.set_lane(lane, course.before() as f64);
+        }
+        completed
     }
 }
 

@@ -2,12 +2,13 @@
 
 use crate::config::distribution::{Distribution, Setting};
 use crate::config::parameter::{COUNT, Overrides};
-use crate::config::scenario::Scenario;
+use crate::config::scenario::{Scenario, ValidScenario};
 use crate::env::episode::{Member, Phase};
 use crate::env::observation::{OBSERVATION_LIMIT, frame_now, told_payload};
 use crate::env::pack::EnvPack;
 use crate::error::{ConfigError, Error, SnapshotError};
 use crate::math::rng::{Purpose, Seed, Stream};
+use crate::simulation::course::Course;
 use crate::simulation::{Flight, FlightState, Plan};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -66,7 +67,11 @@ impl EnvPack<f64> {
             observation: self.observations.clone(),
         };
         // plain numbers and lists always serialise
-        let body = postcard::to_allocvec(&saved).unwrap_or_default();
+        let mut body = postcard::to_allocvec(&saved).unwrap_or_default();
+        if let Some(course) = self.course_of(0) {
+            // behind the rest, so that snapshots of manoeuvres are as they were
+            body.extend(postcard::to_allocvec(course.state()).unwrap_or_default());
+        }
         let mut bytes = Vec::with_capacity(SNAPSHOT_HEADER + body.len());
         bytes.extend_from_slice(SNAPSHOT_MAGIC);
         bytes.extend_from_slice(&SNAPSHOT_VERSION.to_le_bytes());
@@ -106,18 +111,37 @@ impl EnvPack<f64> {
             return Err(SnapshotError::OtherConfiguration.into());
         }
         let damaged = |what: &dyn std::fmt::Display| SnapshotError::Damaged(what.to_string());
-        let saved: Saved = postcard::from_bytes(body).map_err(|e| damaged(&e))?;
+        let (saved, rest) = postcard::take_from_bytes::<Saved>(body).map_err(|e| damaged(&e))?;
         self.check_saved(&saved).map_err(|e| damaged(&e))?;
         let persistent = self.overrides_of(&saved).map_err(|e| damaged(&e))?;
-        let plan = Plan::new(&saved.scenario).map_err(|e| damaged(&e))?;
-        let payload =
-            told_payload(&saved.scenario, &self.config().task).map_err(|e| damaged(&e))?;
+        let scenario = ValidScenario::new(saved.scenario).map_err(|e| damaged(&e))?;
         let noise = Stream::new(saved.seed, saved.episode, Purpose::Sensors);
-        let mut flight = Flight::new(plan, noise).map_err(|e| damaged(&e))?;
+        let config = &self.setup.config;
+        let (mut flight, course) = match config.mission_of(scenario).map_err(|e| damaged(&e))? {
+            None => {
+                let plan = Plan::new(scenario).map_err(|e| damaged(&e))?;
+                (Flight::new(plan, noise).map_err(|e| damaged(&e))?, None)
+            }
+            Some(mission) => {
+                let state = postcard::from_bytes(rest).map_err(|e| damaged(&e))?;
+                let (flight, course) = Course::restored(mission, state, noise)?;
+                (flight, Some(Box::new(course)))
+            }
+        };
+        let told = told_payload(&flight.scenario(), &self.config().task);
+        let payload = told.map_err(|e| damaged(&e))?;
         flight.set_state(saved.flight, saved.diverged)?;
         let fresh = saved.phase == Phase::Fresh;
         let seen = fresh || self.shows(&saved.observation, &flight, &payload);
-        if !(seen && self.reaches(saved.phase, saved.steps, saved.diverged, &flight)) {
+        // after the last leg the flight still shows the end of it
+        let done = course.as_ref().is_some_and(|course| course.is_done());
+        let before = course.as_ref().map_or(0, |course| course.before()) as f64;
+        let flown = if done {
+            before
+        } else {
+            before + flight.common.sample
+        };
+        if !(seen && self.reaches(saved.phase, saved.steps, saved.diverged, flown, done)) {
             return Err(damaged(&"its parts do not belong together").into());
         }
         self.flight = flight;
@@ -127,8 +151,10 @@ impl EnvPack<f64> {
             episode: saved.episode,
             phase: saved.phase,
             persistent,
+            course,
         };
         self.steps = saved.steps;
+        self.before = before;
         self.action = saved.action;
         self.terms = saved.terms;
         self.episode_return = saved.episode_return;
@@ -192,22 +218,25 @@ impl EnvPack<f64> {
         flight.void() != 0 || observation.ends_with(&frame)
     }
 
-    /// Whether an episode is in this phase after so many steps and the samples of the flight.
+    /// Whether an episode is in this phase after so many steps and samples; `done` says that its mission
+    /// is complete.
     pub(super) fn reaches(
         &self,
         phase: Phase,
         steps: f64,
         diverged: bool,
-        flight: &Flight,
+        sample: f64,
+        done: bool,
     ) -> bool {
         let (each, horizon) = (self.setup.samples_per_action, self.setup.horizon as f64);
         let cut = self.setup.cut as f64;
-        let sample = flight.common.sample;
         let begun = (sample / each as f64).ceil();
         let course = match phase {
             Phase::Fresh => sample == 0.0 && !diverged,
-            Phase::Running => sample < horizon && steps * each as f64 == sample && !diverged,
-            Phase::Ended => sample == horizon || sample == cut || sample > 0.0 && diverged,
+            Phase::Running => {
+                !done && sample < horizon && steps * each as f64 == sample && !diverged
+            }
+            Phase::Ended => done || sample == horizon || sample == cut || sample > 0.0 && diverged,
         };
         course && steps == begun && sample <= horizon
     }

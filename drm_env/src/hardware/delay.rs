@@ -69,6 +69,13 @@ impl DelayLines {
         [list(&self.root), list(&self.tip), outputs]
     }
 
+    /// Tells the slew angles on their way from another zero, `angle` further on (rad).
+    pub(crate) fn turn(&mut self, angle: f64) {
+        for output in &mut self.sensor {
+            output[0] -= angle;
+        }
+    }
+
     /// Sends a command off and returns the one that arrives.
     pub(crate) fn command(&mut self, command: WheelTorques<f64>) -> WheelTorques<f64> {
         let through = |line: &mut VecDeque<f64>, value: f64| {

@@ -3,7 +3,7 @@
 use crate::config::scenario::Scenario;
 use crate::env::Env;
 use crate::error::ConfigError;
-use crate::render::from_simulation::{magnification, paid_moment, stage};
+use crate::render::from_simulation::{magnification, paid_moment, stage_of};
 use crate::render::scene::Look;
 use crate::render::tracker::Tracker;
 
@@ -36,7 +36,7 @@ impl Follower {
         if !goes_on {
             let scenario = env.scenario();
             self.seen = Some(Seen {
-                tracker: Tracker::new(stage(&scenario, 1.0)?),
+                tracker: Tracker::new(stage_of(env, 1.0)?),
                 scenario,
                 is_fitted: false,
             });

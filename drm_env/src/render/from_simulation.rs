@@ -53,6 +53,17 @@ pub fn stage(scenario: &Scenario, magnification: f64) -> Result<Stage, ConfigErr
     })
 }
 
+/// What stays the same through an episode of an environment: a manoeuvre, or the legs of a mission.
+pub fn stage_of(env: &Env, magnification: f64) -> Result<Stage, ConfigError> {
+    let mut stage = stage(&env.scenario(), magnification)?;
+    if let Some((angle, path)) = env.mission_path() {
+        stage.target_angle = angle;
+        stage.path = path;
+        stage.slew_end = stage.horizon;
+    }
+    Ok(stage)
+}
+
 /// A factor with which the bending of a manoeuvre can be seen: the arm is flown without control, and
 /// its largest deflection is drawn as about an eighth of its reach. 1, 2 or 5 times a power of ten.
 pub fn magnification(scenario: &Scenario) -> f64 {
@@ -114,11 +125,16 @@ pub fn moment(flight: &Flight) -> Moment {
 
 /// The present instant of an environment, with what it has paid.
 pub fn paid_moment(env: &Env) -> Moment {
+    let now = moment(env.flight());
+    let (_, start, angle) = env.leg();
     Moment {
+        time: now.time + start,
+        slew_angle: now.slew_angle + angle,
+        reference_angle: now.reference_angle + angle,
         payment: Some(Payment {
             terms: env.reward_terms(),
             sum: env.episode_return(),
         }),
-        ..moment(env.flight())
+        ..now
     }
 }

@@ -134,6 +134,7 @@ impl<'a> Flying<'a> {
             self.ended = Some(Ended {
                 metrics: self.flight.metrics(lost, 0.0),
                 kept: kept.unwrap_or_default(),
+                legs: Vec::new(),
             });
         }
     }
@@ -180,7 +181,7 @@ pub fn fly_asked(
     let each = size_of::<Flying<'_>>() as u128;
     let less = "a smaller number";
     memory::check("scenarios", count, count as u128 * each, None, less)?;
-    let mut flown = Flown::room(scenarios, recording)?;
+    let mut flown = Flown::room(scenarios, None, recording)?;
     let mut flying = Vec::with_capacity(count);
     for (i, (scenario, seed)) in scenarios.iter().zip(seeds).enumerate() {
         interruption::poll();

@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
+use crate::config::mission::ValidMission;
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::control::Law;
 use crate::env::any_pack::widths;
@@ -22,6 +23,7 @@ use crate::interruption::{self, Flag};
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::memory;
 use crate::simd::{Instructions, Narrow};
+use crate::simulation::LegRecord;
 use crate::simulation::loads::LoadMetrics;
 use crate::simulation::metrics::Metrics;
 
@@ -31,7 +33,7 @@ pub use asked::{Asked, TOLD, TOLD_NAMES, fly_asked};
 pub use law::Schedule;
 pub use pilot::Pilot;
 pub use recorder::{Recording, Trajectories, recordable};
-pub use trajectory::{MAX_BYTES, SIGNAL_NAMES, Trajectory, signals, simulate};
+pub use trajectory::{MAX_BYTES, SIGNAL_NAMES, Trajectory, signals, signals_from, simulate};
 
 /// How a rollout is flown.
 #[derive(Debug, Clone)]
@@ -64,15 +66,18 @@ pub struct Flown {
     pub trajectories: Option<Trajectories>,
     /// Loads, one a scenario, if they were wanted.
     pub loads: Option<Vec<LoadMetrics>>,
+    /// Legs flown of each mission; none of manoeuvres.
+    pub legs: Vec<Vec<LegRecord>>,
 }
 
 impl Flown {
-    /// Room for what these manoeuvres will return.
+    /// Room for what these manoeuvres will return, or the missions that begin with them.
     ///
     /// # Errors
     /// See [`Trajectories::new`].
     fn room(
         scenarios: &[ValidScenario],
+        missions: Option<&[ValidMission]>,
         recording: Option<&Recording>,
     ) -> Result<Self, ConfigError> {
         Ok(Self {
@@ -83,12 +88,21 @@ impl Flown {
             loads: recording
                 .filter(|recording| recording.measures_loads())
                 .map(|_| vec![LoadMetrics::VOID; scenarios.len()]),
+            legs: missions.map_or_else(Vec::new, |missions| vec![Vec::new(); missions.len()]),
         })
     }
 
     /// Takes up one that has ended.
-    fn take(&mut self, index: usize, Ended { metrics, kept }: Ended) {
+    fn take(&mut self, index: usize, ended: Ended) {
+        let Ended {
+            metrics,
+            kept,
+            legs,
+        } = ended;
         self.metrics[index] = metrics;
+        if let Some(place) = self.legs.get_mut(index) {
+            *place = legs;
+        }
         if let Some(trajectories) = &mut self.trajectories {
             trajectories.put(index, &kept.rows);
         }
@@ -139,18 +153,41 @@ pub fn fly(
     options: &Options,
     mut progress: impl FnMut(usize) -> bool,
 ) -> Result<Flown, Error> {
-    fly_watched(scenarios, pilot, seeds, options, &mut progress)
+    fly_watched(scenarios, None, pilot, seeds, options, &mut progress)
+}
+
+/// [`fly`] for missions: their legs one after the other, each from where the last has left the arm.
+/// Signals tell time and angles from the mission's beginning on.
+///
+/// # Errors
+/// See [`fly`]; and a network whose task has other missions.
+pub fn fly_missions(
+    missions: &[ValidMission],
+    pilot: &Pilot<'_>,
+    seeds: &[Seed],
+    options: &Options,
+    mut progress: impl FnMut(usize) -> bool,
+) -> Result<Flown, Error> {
+    let all = missions.iter().map(ValidMission::base);
+    let scenarios: Vec<ValidScenario> = all.collect();
+    let missions = Some(missions);
+    fly_watched(&scenarios, missions, pilot, seeds, options, &mut progress)
 }
 
 /// [`fly`], once for every type of `progress`: or each crate that calls it would compile it anew.
 fn fly_watched(
     scenarios: &[ValidScenario],
+    missions: Option<&[ValidMission]>,
     pilot: &Pilot<'_>,
     seeds: &[Seed],
     options: &Options,
     progress: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Flown, Error> {
     pilot.check(scenarios)?;
+    pilot.check_missions(missions)?;
+    if let (Some(recording), Some(missions)) = (&options.recording, missions) {
+        recording.check_missions(missions)?;
+    }
     if seeds.len() != scenarios.len() {
         return Err(SimulationError::Length {
             name: "seeds",
@@ -174,7 +211,7 @@ fn fly_watched(
         "a smaller number",
     )?;
     let recording = options.recording.as_ref();
-    let mut flown = Flown::room(scenarios, recording)?;
+    let mut flown = Flown::room(scenarios, missions, recording)?;
     let available = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = options.threads.unwrap_or(available);
     let threads = threads.max(1).min(scenarios.len());
@@ -187,6 +224,7 @@ fn fly_watched(
         for thread in 0..threads {
             let queue = Queue {
                 scenarios,
+                missions,
                 seeds,
                 recording,
                 next: &next,
@@ -236,7 +274,7 @@ pub fn fly_one(
     seed: Seed,
 ) -> Result<Trajectory, Error> {
     let recording = Recording::new(&SIGNAL_NAMES, every)?;
-    let Ended { metrics, kept } = fly_here(scenario, pilot, &recording, seed)?;
+    let Ended { metrics, kept, .. } = fly_here(scenario, pilot, &recording, seed)?;
     Ok(Trajectory::of_rows(&kept.rows, metrics))
 }
 
@@ -263,7 +301,7 @@ pub fn fly_one_loaded(
 ) -> Result<LoadedTrajectory, Error> {
     let names = recordable();
     let recording = Recording::new(&names, every)?.with_loads();
-    let Ended { metrics, kept } = fly_here(scenario, pilot, &recording, seed)?;
+    let Ended { metrics, kept, .. } = fly_here(scenario, pilot, &recording, seed)?;
     let column = |first| kept.rows.iter().skip(first).step_by(names.len()).copied();
     let signals = names.iter().enumerate();
     Ok(LoadedTrajectory {
@@ -289,6 +327,7 @@ fn fly_here(
     let (done, finished) = sync_channel(1);
     pilot.fly::<f64>(&Queue {
         scenarios,
+        missions: None,
         seeds: &[seed],
         recording: Some(recording),
         next: &AtomicUsize::new(0),
@@ -299,6 +338,57 @@ fn fly_here(
         .try_recv()
         .map_err(|_| SimulationError::Interrupted)?;
     ended
+}
+
+/// Flies one mission and keeps every signal of every `every`-th sample, as [`fly_one`] does a manoeuvre,
+/// with the loads if they are wanted; also what has been of its legs.
+///
+/// # Errors
+/// See [`fly_missions`].
+pub fn fly_one_mission(
+    mission: &ValidMission,
+    pilot: &Pilot<'_>,
+    every: usize,
+    seed: Seed,
+    loads: bool,
+) -> Result<(LoadedTrajectory, Vec<LegRecord>), Error> {
+    let recording = if loads {
+        Recording::new(&recordable(), every)?.with_loads()
+    } else {
+        Recording::new(&SIGNAL_NAMES, every)?
+    };
+    let options = Options {
+        threads: Some(1),
+        recording: Some(recording),
+        ..Options::default()
+    };
+    let flown = fly_missions(
+        std::slice::from_ref(mission),
+        pilot,
+        &[seed],
+        &options,
+        |_| true,
+    )?;
+    let Flown {
+        metrics,
+        trajectories,
+        loads,
+        legs,
+    } = flown;
+    let mut signals = trajectories.map_or_else(Vec::new, |kept| kept.signals);
+    let rows = signals.first().map_or(0, |(_, values)| {
+        let flown = values.iter().rposition(|value| !value.is_nan());
+        flown.map_or(0, |last| last + 1)
+    });
+    for (_, values) in &mut signals {
+        values.truncate(rows);
+    }
+    let flown = LoadedTrajectory {
+        signals,
+        metrics: metrics.first().copied().unwrap_or_default(),
+        loads: loads.map_or(LoadMetrics::VOID, |loads| loads[0]),
+    };
+    Ok((flown, legs.into_iter().next().unwrap_or_default()))
 }
 
 /// Takes results up until every thread has ended; the first failure, if there was one.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::config::mission::Mission;
 use crate::config::scenario::Scenario;
 use crate::config::{Actuator, ValidConfig};
 use crate::control::mlp::{Network, Scratch};
@@ -16,7 +17,7 @@ use crate::simd::mask::lanes_of;
 use crate::simulation::Flight;
 use crate::simulation::hook::StepHook;
 
-use super::queue::{Ended, Queue};
+use super::queue::{Ended, Queue, Taken};
 use super::recorder::{Kept, Recorder};
 
 /// A network and the task it flies.
@@ -81,30 +82,35 @@ impl<'a> NetworkPilot<'a> {
         Ok(())
     }
 
-    /// What is told of the payload of a scenario: mass (kg), length and width (m).
-    fn told(&self, queue: &Queue<'_>, index: usize) -> [f64; 3] {
+    /// What is told of the payload of a flight: mass (kg), length and width (m).
+    fn told(&self, flight: &Flight<f64>) -> [f64; 3] {
         // a payload that cannot be has been refused with its scenario
-        told_payload(&queue.scenarios[index], &self.setup.config.task).unwrap_or([f64::NAN; 3])
+        told_payload(&flight.scenario(), &self.setup.config.task).unwrap_or([f64::NAN; 3])
+    }
+
+    /// The mission of the task's episodes, if they are missions.
+    pub(super) fn mission(&self) -> Option<&Mission> {
+        self.setup.config.mission.as_ref()
     }
 
     /// Flies episodes side by side until there are no more: a lane that has ended takes the next one.
     pub(super) fn fly<T: Vector>(&self, queue: &Queue<'_>) {
-        let Some((index, first)) = queue.take() else {
+        let Some(first) = queue.take() else {
             return;
         };
-        let mut team = Team::<T>::new(self, queue, index, &first);
+        let mut team = Team::<T>::new(self, queue, first);
         let mut more = true;
         loop {
             for lane in 0..T::WIDTH {
                 while more && team.lanes[lane].is_none() {
                     match queue.take() {
                         None => more = false,
-                        Some((index, next)) if team.pack.flight.accepts(&next) => {
-                            team.begin(lane, index, &next);
+                        Some(next) if team.pack.flight.accepts(&next.1) => {
+                            team.begin(lane, next);
                         }
-                        Some((index, next)) => {
+                        Some(next) => {
                             // its equations or samples are not those of the others
-                            let mut alone = Team::<f64>::new(self, queue, index, &next);
+                            let mut alone = Team::<f64>::new(self, queue, next);
                             while !queue.stopped() && alone.step() {}
                         }
                     }
@@ -135,17 +141,14 @@ struct Team<'a, 'b, T: Vector> {
 
 impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
     /// An episode at its beginning in the first lane; the others are empty.
-    fn new(
-        pilot: &'a NetworkPilot<'a>,
-        queue: &'a Queue<'b>,
-        index: usize,
-        flight: &Flight<f64>,
-    ) -> Self {
+    fn new(pilot: &'a NetworkPilot<'a>, queue: &'a Queue<'b>, taken: Taken) -> Self {
+        let (index, flight, course) = taken;
         let mut single = pilot.template.clone();
         // in the template's place, for its equations may be others
-        single.flight.clone_from(flight);
-        let payload = pilot.told(queue, index);
-        single.start(0, flight, payload, queue.seeds[index], 0);
+        single.flight.clone_from(&flight);
+        let payload = pilot.told(&flight);
+        single.start(0, &flight, payload, queue.seeds[index], 0);
+        single.members[0].course = course;
         let network = pilot.network;
         let mut lanes = vec![None; T::WIDTH];
         lanes[0] = Some(index);
@@ -162,10 +165,12 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
         }
     }
 
-    fn begin(&mut self, lane: usize, index: usize, flight: &Flight<f64>) {
-        let payload = self.pilot.told(self.queue, index);
+    fn begin(&mut self, lane: usize, taken: Taken) {
+        let (index, flight, course) = taken;
+        let payload = self.pilot.told(&flight);
         let seed = self.queue.seeds[index];
-        self.pack.start(lane, flight, payload, seed, 0);
+        self.pack.start(lane, &flight, payload, seed, 0);
+        self.pack.members[lane].course = course;
         self.lanes[lane] = Some(index);
     }
 
@@ -198,6 +203,14 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
         let hook = self.recorder.as_mut();
         let hook = hook.map(|recorder| recorder as &mut dyn StepHook<T>);
         let outcomes = self.pack.step_watched(&self.actions, flying, hook);
+        if let Some(recorder) = &mut self.recorder {
+            for lane in 0..T::WIDTH {
+                if let Some(course) = self.pack.course_of(lane) {
+                    let flight = &self.pack.flight;
+                    recorder.begin_leg(flight, lane, course.origin(flight.sample_period()));
+                }
+            }
+        }
         let ended = (outcomes.terminated | outcomes.truncated) & flying & everyone::<T>();
         for lane in lanes_of(ended) {
             let Some(index) = self.lanes[lane].take() else {
@@ -208,8 +221,13 @@ impl<'a, 'b, T: Vector> Team<'a, 'b, T> {
                 .recorder
                 .as_mut()
                 .map_or_else(Kept::default, |recorder| recorder.end(flight, lane, driven));
-            let metrics = self.pack.one(lane).metrics();
-            self.queue.send(index, Ok(Ended { metrics, kept }));
+            let env = self.pack.one(lane);
+            let ended = Ended {
+                metrics: env.metrics(),
+                kept,
+                legs: env.legs(),
+            };
+            self.queue.send(index, Ok(ended));
         }
         true
     }

@@ -1,6 +1,7 @@
 //! Who flies the manoeuvres of a rollout.
 
 use crate::config::ValidConfig;
+use crate::config::mission::ValidMission;
 use crate::config::scenario::ValidScenario;
 use crate::control::Law;
 use crate::control::mlp::Network;
@@ -72,12 +73,36 @@ impl<'a> Pilot<'a> {
         }
     }
 
+    /// Refuses missions that are not those of a network's task, and manoeuvres where it has missions.
+    pub(super) fn check_missions(
+        &self,
+        missions: Option<&[ValidMission]>,
+    ) -> Result<(), ConfigError> {
+        let Kind::Network(pilot) = &self.0 else {
+            return Ok(());
+        };
+        let differs = match (missions, pilot.mission()) {
+            (None, None) => false,
+            (Some(missions), Some(of_task)) => missions.iter().any(|m| m.mission() != of_task),
+            _ => true,
+        };
+        if differs {
+            let message =
+                "the manoeuvres must be missions where the policy's task has one, and its own";
+            return Err(ConfigError::form("mission", message));
+        }
+        Ok(())
+    }
+
     /// Refuses one manoeuvre that it cannot fly, by the manoeuvre's own names.
     pub(super) fn check_one(&self, scenario: &ValidScenario) -> Result<(), ConfigError> {
         match &self.0 {
             Kind::Commands(Commands::Law(_)) => Ok(()),
             Kind::Commands(Commands::Schedule(schedule)) => schedule.check_count(1),
-            Kind::Network(pilot) => pilot.check(scenario),
+            Kind::Network(pilot) => {
+                self.check_missions(None)?;
+                pilot.check(scenario)
+            }
         }
     }
 

@@ -3,11 +3,13 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
+use crate::config::mission::ValidMission;
 use crate::config::scenario::ValidScenario;
 use crate::error::Error;
 use crate::math::rng::Seed;
+use crate::simulation::course::Course;
 use crate::simulation::metrics::Metrics;
-use crate::simulation::{Flight, Plan};
+use crate::simulation::{Flight, LegRecord, Plan};
 
 use super::noise;
 use super::recorder::{Kept, Recorder, Recording};
@@ -16,13 +18,20 @@ use super::recorder::{Kept, Recorder, Recording};
 pub(super) struct Ended {
     pub(super) metrics: Metrics,
     pub(super) kept: Kept,
+    /// Legs of a mission.
+    pub(super) legs: Vec<LegRecord>,
 }
 
 /// Place of a manoeuvre in the list, and its end or why it has none.
 pub(super) type Report = (usize, Result<Ended, Error>);
 
+/// A manoeuvre about to be flown: its place in the list, its flight, and the mission that it begins.
+pub(super) type Taken = (usize, Flight<f64>, Option<Box<Course>>);
+
 pub(super) struct Queue<'a> {
     pub(super) scenarios: &'a [ValidScenario],
+    /// Missions, each with the scenario in the same place; none are single manoeuvres.
+    pub(super) missions: Option<&'a [ValidMission]>,
     pub(super) seeds: &'a [Seed],
     pub(super) recording: Option<&'a Recording>,
     pub(super) next: &'a AtomicUsize,
@@ -31,18 +40,24 @@ pub(super) struct Queue<'a> {
 }
 
 impl<'a> Queue<'a> {
-    /// The next manoeuvre to fly, at its beginning.
-    pub(super) fn take(&self) -> Option<(usize, Flight<f64>)> {
+    /// The next manoeuvre to fly, at its beginning, with its mission if it is one.
+    pub(super) fn take(&self) -> Option<Taken> {
         loop {
             if self.stopped() {
                 return None;
             }
             let index = self.next.fetch_add(1, Ordering::Relaxed);
             let scenario = self.scenarios.get(index)?;
-            let flight =
-                Plan::new(scenario).and_then(|plan| Flight::new(plan, noise(self.seeds[index])));
-            match flight {
-                Ok(flight) => return Some((index, flight)),
+            let noise = noise(self.seeds[index]);
+            let taken = match self.missions {
+                None => Plan::new(scenario)
+                    .and_then(|plan| Flight::new(plan, noise))
+                    .map(|flight| (flight, None)),
+                Some(missions) => Course::begin(missions[index].clone(), noise)
+                    .map(|(flight, course)| (flight, Some(Box::new(course)))),
+            };
+            match taken {
+                Ok((flight, course)) => return Some((index, flight, course)),
                 Err(error) => {
                     let error = error.within(&format!("scenarios[{index}]"));
                     self.send(index, Err(error.into()));

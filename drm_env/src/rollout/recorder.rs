@@ -1,5 +1,6 @@
 //! Keeping signals of many manoeuvres while they fly.
 
+use crate::config::mission::ValidMission;
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::interruption;
@@ -8,11 +9,14 @@ use crate::simd::mask::everyone;
 use crate::simd::mask::lanes_of;
 use crate::simd::{Laned, Number};
 use crate::simulation::Flight;
+use crate::simulation::course::Origin;
 use crate::simulation::hook::StepHook;
-use crate::simulation::loads::{Before, LOAD_NAMES, LoadMeter, LoadMetrics, LoadSums, Loads};
+use crate::simulation::loads::{
+    Before, LOAD_NAMES, LoadMeter, LoadMetrics, LoadSums, Loads, move_loads,
+};
 
 use super::trajectory::{
-    MAX_BYTES, Row, SIGNAL_NAMES, apply_torques, last_row, signals_of, torques_of,
+    MAX_BYTES, Row, SIGNAL_NAMES, apply_torques, last_row, move_row, signals_of, torques_of,
 };
 
 /// Name of a column: the signals, and behind them the loads.
@@ -104,6 +108,18 @@ impl Recording {
     fn rows(&self, scenario: &Scenario) -> usize {
         scenario.samples().div_ceil(self.every) + 1
     }
+
+    /// Refuses rows that do not fall on the beginnings of the legs of missions.
+    pub(super) fn check_missions(&self, missions: &[ValidMission]) -> Result<(), ConfigError> {
+        let mut periods = missions.iter().map(ValidMission::period);
+        match periods.find(|period| !period.is_multiple_of(self.every as u64)) {
+            None => Ok(()),
+            Some(period) => {
+                let requirement = format!("must divide the {period} samples of mission.period");
+                Err(ConfigError::value("decimation", requirement, self.every))
+            }
+        }
+    }
 }
 
 /// Signals of many manoeuvres.
@@ -185,6 +201,8 @@ pub(super) struct Recorder<'a> {
     opened: u32,
     /// Samples in which no lane has a row.
     quiet: usize,
+    /// Where the legs of missions in the lanes have begun.
+    origins: Vec<Option<Origin>>,
     /// Loads of each lane, from its first sample on.
     loaded: Vec<Option<Box<Loaded>>>,
 }
@@ -198,6 +216,7 @@ impl<'a> Recorder<'a> {
             open: vec![[0.0; SIGNAL_NAMES.len()]; lanes],
             opened: 0,
             quiet: 0,
+            origins: vec![None; lanes],
             loaded: vec![None; lanes],
         }
     }
@@ -205,6 +224,18 @@ impl<'a> Recorder<'a> {
     /// Other lanes fly from now on.
     pub(super) fn look_again(&mut self) {
         self.quiet = 0;
+    }
+
+    /// A leg of a mission begins in a lane.
+    pub(super) fn begin_leg<T: Number>(&mut self, flight: &Flight<T>, lane: usize, origin: Origin) {
+        self.origins[lane] = Some(origin);
+        if let Some(loaded) = &mut self.loaded[lane] {
+            // another plan, perhaps another payload
+            loaded.open = None;
+            if let Some(meter) = LoadMeter::of(flight, lane) {
+                loaded.meter = meter;
+            }
+        }
     }
 
     /// The rows of a lane that has ended, which are forgotten; see [`last_row`] for `driven`. A state
@@ -218,6 +249,7 @@ impl<'a> Recorder<'a> {
             let loads = self.close_loads(lane, torques_of(&row));
             self.keep(lane, &row, loads.as_ref());
         }
+        self.origins[lane] = None;
         let loaded = self.loaded[lane].take();
         Kept {
             rows: std::mem::take(&mut self.kept[lane]),
@@ -229,6 +261,10 @@ impl<'a> Recorder<'a> {
     }
 
     fn keep(&mut self, lane: usize, row: &Row, loads: Option<&Loads>) {
+        let mut row = *row;
+        if let Some(origin) = self.origins[lane] {
+            move_row(&mut row, (origin.time, origin.angle));
+        }
         let value = |column: &usize| match column.checked_sub(SIGNAL_NAMES.len()) {
             None => row[*column],
             Some(load) => loads.map_or(f64::NAN, |loads| loads[load]),
@@ -256,7 +292,10 @@ impl<'a> Recorder<'a> {
     /// The loads of a lane that has been looked at, with its torques.
     fn close_loads(&mut self, lane: usize, torques: [f64; 3]) -> Option<Loads> {
         let loaded = self.loaded[lane].as_mut()?;
-        let loads = loaded.meter.at(&loaded.open.take()?, torques);
+        let mut loads = loaded.meter.at(&loaded.open.take()?, torques);
+        if let Some(origin) = self.origins[lane] {
+            move_loads(&mut loads, origin.angle, origin.energy);
+        }
         loaded.sums.take(&loads);
         Some(loads)
     }

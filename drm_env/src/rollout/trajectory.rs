@@ -42,6 +42,9 @@ pub const SIGNAL_NAMES: [&str; 20] = [
 ];
 
 /// Places of some signals in [`SIGNAL_NAMES`].
+const TIME: usize = 0;
+const SLEW_ANGLE: usize = 1;
+const REFERENCE_ANGLE: usize = 3;
 const REFERENCE_RATE: usize = 4;
 const REFERENCE_ACCEL: usize = 5;
 const SLEW_TORQUE: usize = 14;
@@ -74,6 +77,20 @@ impl Trajectory {
 /// root and tip wheel, N m.
 pub fn signals(flight: &Flight, torques: [f64; 3]) -> [f64; SIGNAL_NAMES.len()] {
     signals_of(flight, 0, torques)
+}
+
+/// [`signals`] of a flight that is a leg of a mission: place, time (s) and reference of the slew angle (rad)
+/// at its beginning are zeros of a manoeuvre.
+pub fn signals_from(
+    flight: &Flight,
+    torques: [f64; 3],
+    (_, time, angle): (usize, f64, f64),
+) -> [f64; SIGNAL_NAMES.len()] {
+    let mut row = signals(flight, torques);
+    if time != 0.0 || angle != 0.0 {
+        move_row(&mut row, (time, angle));
+    }
+    row
 }
 
 /// [`signals`] of one lane.
@@ -122,6 +139,14 @@ pub(super) fn apply_torques<T: Number>(
 /// Slew motor, root and tip wheel of a row, N m.
 pub(super) fn torques_of(row: &Row) -> [f64; 3] {
     [0, 1, 2].map(|i| row[SLEW_TORQUE + i])
+}
+
+/// Tells a row of a leg from the beginning of its mission on: time (s) and reference of the slew angle
+/// (rad) at the leg's beginning are added.
+pub(super) fn move_row(row: &mut Row, (time, angle): (f64, f64)) {
+    row[TIME] += time;
+    row[SLEW_ANGLE] += angle;
+    row[REFERENCE_ANGLE] += angle;
 }
 
 /// The last row of a lane: wheel torques are those of the last sample; `driven` says that so is the

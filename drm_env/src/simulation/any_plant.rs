@@ -11,7 +11,7 @@ use crate::error::ConfigError;
 use crate::math::generalized_alpha::GeneralizedAlpha;
 use crate::plant::PlantModel;
 use crate::plant::consistent::{CAPACITY, ConsistentLanes, ConsistentPlant, ConsistentState};
-use crate::plant::energy::{Energy, energy};
+use crate::plant::energy::{Energy, angular_momentum, energy};
 use crate::plant::thesis::Constants;
 use crate::reference::Extension;
 use crate::simd::{Laned, Number, laned};
@@ -183,18 +183,20 @@ impl<T: Number> Motion<T> {
 }
 
 impl AnyPlant<f64> {
-    /// The equations of a scenario, for the extensions that it passes through.
+    /// The equations of a scenario, for the extensions of a range (m).
     ///
     /// # Errors
     /// Parameters that no arm has.
-    pub fn new(scenario: &Scenario, payload: &PayloadProperties) -> Result<Self, ConfigError> {
+    pub fn new(
+        scenario: &Scenario,
+        payload: &PayloadProperties,
+        range: (f64, f64),
+    ) -> Result<Self, ConfigError> {
         let (arm, dynamics) = (&scenario.arm, &scenario.dynamics);
         match scenario.plant {
             PlantModel::Thesis => Ok(Self::Thesis(Constants::new(arm, payload, dynamics))),
             PlantModel::Consistent => {
                 let [link1, link2] = scenario.modes;
-                let deployment = &scenario.deployment;
-                let range = (deployment.start, deployment.final_extension());
                 let plant = ConsistentPlant::new(arm, payload, dynamics, (link1, link2), range)?;
                 let scheme = GeneralizedAlpha::new(dynamics.spectral_radius)
                     .map_err(|e| e.within("dynamics"))?;
@@ -262,6 +264,35 @@ impl AnyPlant<f64> {
         }
     }
 
+    /// A motion with its slew angle told from another zero, `angle` further on (rad). `restart` lets the
+    /// integrator forget its accelerations, after a change of the arm.
+    pub fn turned(
+        &self,
+        motion: &Motion<f64>,
+        angle: f64,
+        restart: bool,
+        extension: &Extension<f64>,
+    ) -> Motion<f64> {
+        match (self, motion) {
+            (Self::Consistent(body), Motion::Consistent(seen)) => {
+                let mut state = if restart {
+                    ConsistentState::new(seen.state.q, seen.state.v)
+                } else {
+                    seen.state
+                };
+                state.q[0] -= angle;
+                let outputs = body.outputs(&state, extension);
+                Motion::Consistent(Box::new(Seen { state, outputs }))
+            }
+            (_, Motion::Thesis(motion)) => {
+                let mut motion = *motion;
+                motion[0] -= angle;
+                Motion::Thesis(motion)
+            }
+            (_, other) => other.clone(),
+        }
+    }
+
     /// Whether a motion is one of this body's at an extension; one that flies on has finite numbers, and
     /// shows what its coordinates make of them.
     pub fn owns(&self, motion: &Motion<f64>, extension: &Extension<f64>, flies_on: bool) -> bool {
@@ -305,6 +336,35 @@ impl AnyPlant<f64> {
                 kinetic: f64::NAN,
                 potential: f64::NAN,
             },
+        }
+    }
+}
+
+impl AnyPlant<f64> {
+    /// Angular momentum of arm and payload about the shoulder, N m s.
+    pub fn arm_momentum(
+        &self,
+        motion: &Motion<f64>,
+        extension: &Extension<f64>,
+        scenario: &Scenario,
+        payload: &PayloadProperties,
+    ) -> f64 {
+        match (self, motion) {
+            (Self::Thesis(_), Motion::Thesis(motion)) => {
+                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *motion;
+                angular_momentum(
+                    &scenario.arm,
+                    payload,
+                    &scenario.dynamics,
+                    extension,
+                    [theta, alpha, beta],
+                    [theta_rate, alpha_rate, beta_rate],
+                )
+            }
+            (Self::Consistent(body), Motion::Consistent(seen)) => {
+                body.plants[0].angular_momentum(&seen.state, extension)
+            }
+            _ => f64::NAN,
         }
     }
 }

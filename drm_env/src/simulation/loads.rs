@@ -42,6 +42,11 @@ pub const LOAD_NAMES: [&str; 22] = [
     "motor_excess",
 ];
 
+/// Where the pairs of components along x and y begin, and what adds up over the legs of a mission.
+const BASE_FORCE_X: usize = 6;
+const TIP_X: usize = 12;
+const MOTOR_ENERGY: usize = 19;
+
 /// Every load at one instant, in the order of [`LOAD_NAMES`].
 pub type Loads = [f64; LOAD_NAMES.len()];
 
@@ -54,6 +59,18 @@ enum Body {
         following: bool,
     },
     Consistent(Arc<ConsistentPlant>),
+}
+
+/// Tells the loads of a leg from the beginning of its mission on, which has begun `angle` (rad) before it
+/// and has cost the motor `energy` (J) until then.
+pub(crate) fn move_loads(loads: &mut Loads, angle: f64, energy: f64) {
+    let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+    for x in [BASE_FORCE_X, TIP_X] {
+        let (along, across) = (loads[x], loads[x + 1]);
+        loads[x] = cos * along - sin * across;
+        loads[x + 1] = sin * along + cos * across;
+    }
+    loads[MOTOR_ENERGY] += energy;
 }
 
 /// One manoeuvre, to be asked for its loads.

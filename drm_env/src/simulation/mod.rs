@@ -4,7 +4,9 @@
 pub(crate) mod any_plant;
 pub(crate) mod clock;
 pub(crate) mod constants;
+mod continuation;
 pub(crate) mod controller;
+pub(crate) mod course;
 mod divergence;
 pub(crate) mod hook;
 pub mod identification;
@@ -33,6 +35,8 @@ use crate::simd::Number;
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::{LaneConstants, SharedConstants};
+pub use crate::simulation::continuation::Exchange;
+pub use crate::simulation::course::LegRecord;
 use crate::simulation::identification::mass_error;
 use crate::simulation::law_model::Modelled;
 pub use crate::simulation::law_model::servo_model;
@@ -203,6 +207,11 @@ impl<T: Number> Flight<T> {
 }
 
 impl Flight<f64> {
+    /// Whether no payload is reported.
+    pub(crate) fn knows_no_payload(&self) -> bool {
+        self.fixed.payload_inertia.at(self.clock.extension.length) <= 0.0
+    }
+
     /// [`Flight::metrics`] with NaN for the energy, which costs as much as a control period.
     pub(crate) fn metrics_under_way(&self, diverged: bool, episode_return: f64) -> Metrics {
         self.metrics_with(f64::NAN, diverged, episode_return)

@@ -10,6 +10,7 @@ use crate::error::ConfigError;
 use crate::hardware::delay::Delays;
 use crate::hardware::reaction_wheel::Wheel;
 use crate::plant::RigidInertia;
+use crate::reference::deployment::DeploymentPiece;
 use crate::reference::timeline::Timeline;
 
 /// What is fixed through one episode.
@@ -25,6 +26,8 @@ pub struct Plan {
     pub timeline: Arc<Timeline>,
     /// End of the slew profile, s.
     pub slew_end_time: f64,
+    /// Least and largest extension that the equations of motion are made for, m.
+    pub(crate) range: (f64, f64),
     pub(crate) root: Wheel,
     pub(crate) tip: Wheel,
     pub(crate) delays: Delays,
@@ -83,22 +86,44 @@ impl Plan {
     pub fn new(
         scenario: impl TryInto<ValidScenario, Error: Into<ConfigError>>,
     ) -> Result<Self, ConfigError> {
-        Self::of_valid(&scenario.try_into().map_err(Into::into)?)
+        let scenario = scenario.try_into().map_err(Into::into)?;
+        let deployment = &scenario.deployment;
+        let range = (deployment.start, deployment.final_extension());
+        Self::of_valid(&scenario, 0.0, range)
     }
 
-    fn of_valid(scenario: &ValidScenario) -> Result<Self, ConfigError> {
+    /// Plans a leg of a mission: the length begins to change at `deployment_start` (s), and the equations
+    /// are made for the extensions in `range` (m).
+    ///
+    /// # Errors
+    /// A scenario that cannot be flown.
+    pub(crate) fn of_leg(
+        scenario: &ValidScenario,
+        deployment_start: f64,
+        range: (f64, f64),
+    ) -> Result<Self, ConfigError> {
+        Self::of_valid(scenario, deployment_start, range)
+    }
+
+    fn of_valid(
+        scenario: &ValidScenario,
+        deployment_start: f64,
+        range: (f64, f64),
+    ) -> Result<Self, ConfigError> {
         let payload = scenario.true_payload()?;
         let reported = scenario.reported()?;
         let duration = scenario.deployment_time(&reported);
         let (root, tip) = (scenario.root_wheel.wheel(), scenario.tip_wheel.wheel());
+        let mut deployment = scenario.deployment.pieces(duration);
+        if deployment_start > 0.0 {
+            delay(&mut deployment, deployment_start);
+        }
         Ok(Self {
+            range,
             scenario: **scenario,
             payload,
             reported,
-            timeline: Arc::new(Timeline::new(
-                &scenario.slew.pieces(),
-                &scenario.deployment.pieces(duration),
-            )),
+            timeline: Arc::new(Timeline::new(&scenario.slew.pieces(), &deployment)),
             slew_end_time: scenario.slew.final_time(),
             delays: Delays {
                 root: scenario.delay_samples("root_wheel.dead_time", root.dead_time)?,
@@ -146,6 +171,20 @@ impl Plan {
     pub(crate) fn steps_per_sample(&self) -> usize {
         steps_within(self.scenario.sample_period, self.scenario.integrator_step)
     }
+}
+
+/// Lets a deployment begin later; the length stands still before.
+fn delay(pieces: &mut Vec<DeploymentPiece>, time: f64) {
+    let at_rest = DeploymentPiece {
+        start: 0.0,
+        rate: 0.0,
+        accel: 0.0,
+        ..pieces[0]
+    };
+    for piece in pieces.iter_mut() {
+        piece.start += time;
+    }
+    pieces.insert(0, at_rest);
 }
 
 /// Number of equal steps, none longer than `longest`, that fill a span; a remainder below a

@@ -27,7 +27,12 @@ impl Flight<f64> {
     /// # Errors
     /// Parameters that no arm has.
     pub fn new(plan: Plan, noise: Stream) -> Result<Self, ConfigError> {
-        let body = AnyPlant::new(&plan.scenario, &plan.payload)?;
+        let body = AnyPlant::new(&plan.scenario, &plan.payload, plan.range)?;
+        Ok(Self::with_body(plan, body, noise))
+    }
+
+    /// At t = 0 with equations of motion that have been made before.
+    pub(super) fn with_body(plan: Plan, body: AnyPlant<f64>, noise: Stream) -> Self {
         let index = plan.timeline.index(0.0);
         let clock = Clock::new(&plan.timeline, index, 0.0);
         let motion = body.start(&plan.scenario, &clock.extension);
@@ -75,7 +80,7 @@ impl Flight<f64> {
         if !flight.plain {
             flight.sense();
         }
-        Ok(flight)
+        flight
     }
 
     /// The manoeuvre.

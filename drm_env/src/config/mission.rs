@@ -1,0 +1,521 @@
+//! A mission as data: legs that are flown one after the other, each from where the one before has left
+//! the arm.
+
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::arm::Payload;
+use crate::check::{finite, non_negative, positive};
+use crate::config::scenario::{Initial, ReportedPayload, Scenario, ValidScenario};
+use crate::error::ConfigError;
+use crate::reference::deployment::{Deployment, DeploymentMode};
+use crate::reference::slew::{Slew, SlewProfile};
+
+/// A slew, with or without a change of length, or a change of length alone.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SlewLeg {
+    /// Angle to slew through from where the leg begins, rad; 0 turns nothing.
+    pub angle: f64,
+    /// Length of link 2 outside link 1 at the end, m; null keeps the length.
+    pub extension: Option<f64>,
+    /// Largest angular acceleration, rad/s^2; null is that of the scenario's slew.
+    pub max_accel: Option<f64>,
+    /// Family of the profile; null is that of the scenario's slew.
+    pub profile: Option<SlewProfile>,
+    /// Smoothing fraction of the slew time; null is that of the scenario's slew.
+    pub smoothing: Option<f64>,
+    /// How the length changes; null is coincident with the slew, and force limited without one.
+    pub deployment: Option<DeploymentMode>,
+    /// Force of a force-limited change of length, N; null is that of the scenario's deployment.
+    pub force: Option<f64>,
+    /// When the length begins to change, s after the leg's beginning.
+    pub deployment_start: f64,
+    /// Duration, s, at least that of slew and deployment; null is theirs.
+    pub duration: Option<f64>,
+}
+
+/// The reference stands still for a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HoldLeg {
+    /// Duration, s.
+    pub duration: f64,
+}
+
+impl Default for HoldLeg {
+    fn default() -> Self {
+        Self { duration: 1.0 }
+    }
+}
+
+/// The reference stands still until the arm is at rest: tip deflection and slew error have stayed small
+/// for a while.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct RestLeg {
+    /// Longest duration, s: the mission goes on then whether or not the arm is at rest.
+    pub most: f64,
+    /// Largest amplitude of the tip's vibration at rest, m: of deflection and deflection rate times 0.04 s.
+    pub deflection: f64,
+    /// Largest slew error at rest, taken to the tip, m.
+    pub slew_error: f64,
+    /// How long both must have been within, s.
+    pub quiet: f64,
+}
+
+impl Default for RestLeg {
+    /// What counts as settled in the metrics, for one second, within 20 s.
+    fn default() -> Self {
+        Self {
+            most: 20.0,
+            deflection: 1e-3,
+            slew_error: 1e-2,
+            quiet: 1.0,
+        }
+    }
+}
+
+/// A payload appears at the tip, moving with it, at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GrappleLeg {
+    /// The payload; null is the scenario's, which an environment may draw, with what is reported of it.
+    pub payload: Option<Payload>,
+    /// What is reported of the payload; null is the truth, or the scenario's report of its payload.
+    pub reported: Option<ReportedPayload>,
+}
+
+/// The payload goes, at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReleaseLeg {}
+
+/// A part of a mission; as data, `{"kind": "hold", ...}`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Leg {
+    /// Slew, deployment or both.
+    #[schemars(title = "SlewLeg")]
+    Slew(SlewLeg),
+    /// Stand still for a time.
+    #[schemars(title = "HoldLeg")]
+    Hold(HoldLeg),
+    /// Stand still until the arm is at rest.
+    #[schemars(title = "RestLeg")]
+    WaitForRest(RestLeg),
+    /// A payload appears.
+    #[schemars(title = "GrappleLeg")]
+    Grapple(GrappleLeg),
+    /// The payload goes.
+    #[schemars(title = "ReleaseLeg")]
+    Release(ReleaseLeg),
+}
+
+impl Leg {
+    /// Whether it is more than one instant.
+    pub fn takes_time(&self) -> bool {
+        !matches!(self, Self::Grapple(_) | Self::Release(_))
+    }
+
+    /// Name of the kind in the leg's data form.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Slew(_) => "slew",
+            Self::Hold(_) => "hold",
+            Self::WaitForRest(_) => "wait_for_rest",
+            Self::Grapple(_) => "grapple",
+            Self::Release(_) => "release",
+        }
+    }
+}
+
+/// Legs flown one after the other with one arm, from rest without a payload. Arm, wheels, sensors, plant
+/// and what a leg leaves out are the scenario's; the length at the beginning is `deployment.start`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Mission {
+    /// Legs, in order.
+    pub legs: Vec<Leg>,
+    /// Legs end at whole multiples of this, s: a whole number of control periods.
+    pub period: f64,
+    /// Whether legs are planned for the payload's mass as the balance of angular momentum has told it
+    /// in the legs before, and no longer for the reported one.
+    pub replan: bool,
+}
+
+impl Default for Mission {
+    /// Pick, slew, place, return: the arm reaches out for a payload, takes it through 90 deg while it
+    /// pulls it in, places it and goes back.
+    fn default() -> Self {
+        let turn = |degrees: f64, extension: f64| {
+            Leg::Slew(SlewLeg {
+                angle: degrees.to_radians(),
+                extension: Some(extension),
+                ..SlewLeg::default()
+            })
+        };
+        let wait = Leg::WaitForRest(RestLeg::default());
+        Self {
+            legs: vec![
+                turn(30.0, 7.0),
+                wait,
+                Leg::Grapple(GrappleLeg::default()),
+                turn(-90.0, 4.0),
+                wait,
+                Leg::Release(ReleaseLeg {}),
+                turn(60.0, 1.0),
+                wait,
+            ],
+            period: 0.1,
+            replan: false,
+        }
+    }
+}
+
+/// Most legs of a mission.
+const MOST_LEGS: usize = 100;
+
+/// Ends of a leg within so much of a period after a multiple of it are at that multiple.
+const ROUNDING: f64 = 1e-6;
+
+/// One leg that takes time, with what happens at its beginning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PlannedLeg {
+    /// Place in the list of legs.
+    pub(crate) index: usize,
+    /// The manoeuvre, its angles from the leg's beginning on.
+    pub(crate) scenario: ValidScenario,
+    /// When the length begins to change, s.
+    pub(crate) deployment_start: f64,
+    /// Duration that was asked for, s.
+    pub(crate) duration: Option<f64>,
+    /// What ends the leg before its time.
+    pub(crate) rest: Option<RestLeg>,
+    /// Whether a payload has appeared with this leg: what has been learnt of the one before is void.
+    pub(crate) grappled: bool,
+}
+
+impl PlannedLeg {
+    /// How long slew and deployment of the leg take where it is flown as `scenario`, s.
+    fn needed(&self, scenario: &Scenario) -> Result<f64, ConfigError> {
+        let moves = scenario.deployment.final_extension() != scenario.deployment.start;
+        let deployment = if moves {
+            self.deployment_start + scenario.deployment_time(&scenario.reported()?)
+        } else {
+            0.0
+        };
+        Ok(scenario.slew.final_time().max(deployment))
+    }
+
+    /// Samples in the leg where it is flown as `scenario`, if nothing ends it before: whole multiples of
+    /// `period` samples.
+    pub(crate) fn samples(&self, scenario: &Scenario, period: u64) -> Result<u64, ConfigError> {
+        let seconds = self.duration.unwrap_or(0.0).max(self.needed(scenario)?);
+        let periods = seconds / (period as f64 * scenario.sample_period);
+        Ok((periods - ROUNDING).ceil().max(1.0) as u64 * period)
+    }
+}
+
+/// A mission that can be flown: its legs as manoeuvres. It is checked when it is made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ValidMission {
+    mission: Arc<Mission>,
+    base: ValidScenario,
+    legs: Vec<PlannedLeg>,
+    period: u64,
+    range: (f64, f64),
+    longest: u64,
+}
+
+impl ValidMission {
+    /// Checks a mission with the scenario that all legs have in common.
+    ///
+    /// # Errors
+    /// The first leg that cannot be flown, with its path and value; no leg that takes time; a horizon
+    /// shorter than the legs.
+    pub fn new(mission: &Mission, base: ValidScenario) -> Result<Self, ConfigError> {
+        let made = Self::planned(mission, base)?;
+        let longest = made.longest as f64 * base.sample_period;
+        if made.longest > base.samples() as u64 {
+            let requirement = format!("must be at least the {longest} s that the legs can take");
+            return Err(ConfigError::value("horizon", requirement, base.horizon));
+        }
+        Ok(made)
+    }
+
+    /// Checks a mission and gives the scenario the horizon that the legs need, unless it is long enough.
+    ///
+    /// # Errors
+    /// See [`ValidMission::new`].
+    pub fn with_horizon(mission: &Mission, base: Scenario) -> Result<Self, ConfigError> {
+        let mut base = base;
+        let made = Self::planned(mission, ValidScenario::new(base)?)?;
+        base.horizon = base.horizon.max(made.longest as f64 * base.sample_period);
+        Self::planned(mission, ValidScenario::new(base)?)
+    }
+
+    fn planned(mission: &Mission, base: ValidScenario) -> Result<Self, ConfigError> {
+        let period = mission.period_samples(&base)?;
+        let count = mission.legs.len();
+        if !(1..=MOST_LEGS).contains(&count) {
+            let requirement = format!("must have 1 to {MOST_LEGS} entries");
+            return Err(ConfigError::value("mission.legs", requirement, count));
+        }
+        let start = base.deployment.start;
+        let (mut extension, mut range) = (start, (start, start));
+        let mut held: Option<GrappleLeg> = None;
+        let mut grappled = false;
+        let mut legs = Vec::with_capacity(count);
+        let mut longest = 0_u64;
+        let mut scenario = Scenario::from(base);
+        for (index, leg) in mission.legs.iter().enumerate() {
+            let within = |e: ConfigError| e.within(&format!("mission.legs[{index}]"));
+            let planned = match leg {
+                Leg::Grapple(grapple) => {
+                    if held.is_some() {
+                        let message = "there is a payload already; release it before";
+                        return Err(within(ConfigError::form("kind", message)));
+                    }
+                    held = Some(*grapple);
+                    grappled = true;
+                    continue;
+                }
+                Leg::Release(_) => {
+                    if held.take().is_none() {
+                        let message = "there is no payload to release";
+                        return Err(within(ConfigError::form("kind", message)));
+                    }
+                    grappled = false;
+                    continue;
+                }
+                Leg::Slew(leg) => leg.planned(&scenario, extension, held.as_ref()),
+                Leg::Hold(leg) => positive("duration", leg.duration).and_then(|()| {
+                    let leg_scenario = still(&scenario, extension, held.as_ref());
+                    of(leg_scenario, Some(leg.duration), None)
+                }),
+                Leg::WaitForRest(leg) => leg.validate().and_then(|()| {
+                    let leg_scenario = still(&scenario, extension, held.as_ref());
+                    of(leg_scenario, Some(leg.most), Some(*leg))
+                }),
+            };
+            let mut planned = planned.map_err(within)?;
+            planned.index = index;
+            planned.grappled = std::mem::take(&mut grappled);
+            scenario.initial = Initial::default();
+            extension = planned.scenario.deployment.final_extension();
+            range = (range.0.min(extension), range.1.max(extension));
+            longest += planned.samples(&planned.scenario, period).map_err(within)?;
+            legs.push(planned);
+        }
+        if legs.is_empty() {
+            let message = "no leg takes time: there is nothing to fly";
+            return Err(ConfigError::form("mission.legs", message));
+        }
+        Ok(Self {
+            mission: Arc::new(mission.clone()),
+            base,
+            legs,
+            period,
+            range,
+            longest,
+        })
+    }
+
+    /// The mission as data.
+    pub fn mission(&self) -> &Mission {
+        &self.mission
+    }
+
+    /// What all legs have in common, with the payload that a grapple takes unless it says another.
+    pub fn scenario(&self) -> &Scenario {
+        &self.base
+    }
+
+    /// JSON text that [`mission_from_json`](crate::config::mission_from_json) reads.
+    pub fn to_json(&self) -> String {
+        let document = serde_json::json!({"mission": *self.mission, "scenario": *self.base});
+        document.to_string()
+    }
+
+    pub(crate) fn base(&self) -> ValidScenario {
+        self.base
+    }
+
+    pub(crate) fn legs(&self) -> &[PlannedLeg] {
+        &self.legs
+    }
+
+    /// Samples in a period of the mission.
+    pub(crate) fn period(&self) -> u64 {
+        self.period
+    }
+
+    /// Least and largest extension of the mission, m.
+    pub(crate) fn range(&self) -> (f64, f64) {
+        self.range
+    }
+
+    /// Whether legs are planned for what has been learnt of the payload.
+    pub(crate) fn replans(&self) -> bool {
+        self.mission.replan
+    }
+}
+
+impl Mission {
+    /// Samples in a period.
+    fn period_samples(&self, base: &Scenario) -> Result<u64, ConfigError> {
+        positive("mission.period", self.period)?;
+        let ratio = self.period / base.sample_period;
+        if ratio < 0.5 || ratio > 1e9 || (ratio - libm::round(ratio)).abs() > 1e-6 * ratio {
+            let requirement = format!(
+                "must be a whole number of sample periods of {} s",
+                base.sample_period
+            );
+            return Err(ConfigError::value(
+                "mission.period",
+                requirement,
+                self.period,
+            ));
+        }
+        Ok(libm::round(ratio) as u64)
+    }
+
+    /// Refuses a period that is no whole number of control periods.
+    pub(super) fn check_control_period(&self, control_period: f64) -> Result<(), ConfigError> {
+        let ratio = self.period / control_period;
+        if ratio >= 0.5 && (ratio - libm::round(ratio)).abs() <= 1e-6 * ratio {
+            return Ok(());
+        }
+        let requirement =
+            format!("must be a whole number of control periods of {control_period} s");
+        Err(ConfigError::value(
+            "mission.period",
+            requirement,
+            self.period,
+        ))
+    }
+}
+
+impl SlewLeg {
+    fn planned(
+        &self,
+        base: &Scenario,
+        extension: f64,
+        held: Option<&GrappleLeg>,
+    ) -> Result<PlannedLeg, ConfigError> {
+        finite("angle", self.angle)?;
+        non_negative("deployment_start", self.deployment_start)?;
+        if let Some(duration) = self.duration {
+            positive("duration", duration)?;
+        }
+        let mut scenario = still(base, extension, held);
+        let slew = base.slew;
+        scenario.slew = Slew {
+            angle: self.angle,
+            max_accel: self.max_accel.unwrap_or(slew.max_accel),
+            profile: self.profile.unwrap_or(slew.profile),
+            smoothing: self.smoothing.unwrap_or(slew.smoothing),
+            final_time: None,
+            ..slew
+        };
+        if scenario.slew.profile == SlewProfile::Table {
+            let requirement = "must not be a table in a leg of a mission";
+            return Err(ConfigError::value("profile", requirement, "table"));
+        }
+        if let Some(end) = self.extension {
+            let alone = if self.angle == 0.0 {
+                DeploymentMode::ForceLimited
+            } else {
+                DeploymentMode::Coincident
+            };
+            scenario.deployment = Deployment {
+                start: extension,
+                end,
+                mode: self.deployment.unwrap_or(alone),
+                force: self.force.unwrap_or(base.deployment.force),
+            };
+        }
+        let planned = PlannedLeg {
+            deployment_start: self.deployment_start,
+            ..of(scenario, self.duration, None)?
+        };
+        let needed = planned.needed(&scenario)?;
+        match self.duration {
+            Some(duration) if duration < needed * (1.0 - ROUNDING) => {
+                let requirement = format!("must be at least the {needed} s of slew and deployment");
+                Err(ConfigError::value("duration", requirement, duration))
+            }
+            _ => Ok(planned),
+        }
+    }
+}
+
+impl RestLeg {
+    fn validate(&self) -> Result<(), ConfigError> {
+        positive("most", self.most)?;
+        positive("deflection", self.deflection)?;
+        positive("slew_error", self.slew_error)?;
+        non_negative("quiet", self.quiet)
+    }
+}
+
+/// A leg of which only the place is not known yet.
+fn of(
+    scenario: Scenario,
+    duration: Option<f64>,
+    rest: Option<RestLeg>,
+) -> Result<PlannedLeg, ConfigError> {
+    Ok(PlannedLeg {
+        index: 0,
+        scenario: ValidScenario::new(scenario)?,
+        deployment_start: 0.0,
+        duration,
+        rest,
+        grappled: false,
+    })
+}
+
+/// The arm at a length with what it holds, whose reference stands still.
+fn still(base: &Scenario, extension: f64, held: Option<&GrappleLeg>) -> Scenario {
+    let mut scenario = Scenario {
+        slew: Slew {
+            angle: 0.0,
+            ..base.slew
+        },
+        deployment: Deployment {
+            start: extension,
+            end: extension,
+            mode: DeploymentMode::None,
+            ..base.deployment
+        },
+        ..*base
+    };
+    match held {
+        None => {
+            scenario.payload = Payload {
+                mass: 0.0,
+                length: Some(0.0),
+                width: Some(0.0),
+                offset: 0.0,
+                ..base.payload
+            };
+            scenario.reported_payload = ReportedPayload::default();
+            scenario.mass_error = 0.0;
+        }
+        Some(grapple) => {
+            if let Some(payload) = grapple.payload {
+                scenario.payload = payload;
+                scenario.reported_payload = ReportedPayload::default();
+                scenario.mass_error = 0.0;
+            }
+            if let Some(reported) = grapple.reported {
+                scenario.reported_payload = reported;
+                scenario.mass_error = 0.0;
+            }
+        }
+    }
+    scenario
+}
