@@ -123,6 +123,12 @@ def simulate(
     slew_max_accel: Annotated[
         float | None, typer.Option(help="Largest slew acceleration, rad/s^2.")
     ] = None,
+    slew_final_time: Annotated[
+        float | None, typer.Option(help="Duration of the slew in the place of its acceleration, s.")
+    ] = None,
+    motor_torque_limit: Annotated[
+        float | None, typer.Option(help="Torque at which the slew motor's is cut, N m.")
+    ] = None,
     profile: Annotated[
         str | None, typer.Option(help="Slew profile: min_time or min_energy.")
     ] = None,
@@ -163,6 +169,8 @@ def simulate(
         ("mass_error", mass_error),
         ("slew.angle", None if slew_angle_deg is None else math.radians(slew_angle_deg)),
         ("slew.max_accel", slew_max_accel),
+        ("slew.final_time", slew_final_time),
+        ("slew_motor.open_loop_limit", motor_torque_limit),
         ("slew.profile", profile),
         ("horizon", horizon),
     ):

@@ -133,6 +133,18 @@ def test_simulate_flags_win_over_the_file_and_angles_are_in_degrees(tmp_path: Pa
     assert stored["metrics"]["none"]["duration"] == pytest.approx(3.0)
 
 
+def test_simulate_takes_a_final_time_and_a_motor() -> None:
+    """The slew takes the time that is given; a motor of 500 N m leaves the arm behind."""
+    options = ("--slew-final-time", 15, "--law", "none", "--horizon", 16, "--json")
+    free = json.loads(succeed("simulate", *options))["metrics"]["none"]
+    assert free["slew_end_time"] == 15.0
+    limited = json.loads(succeed("simulate", *options, "--motor-torque-limit", 500))
+    assert limited["scenario"]["slew_motor"] == {"open_loop_limit": 500.0}
+    assert limited["metrics"]["none"]["final_slew_error"] < -0.1 < free["final_slew_error"]
+    assert "open_loop_limit" in refuse("simulate", "--motor-torque-limit", -1)
+    assert "final_time" in refuse("simulate", "--slew-final-time", 0)
+
+
 def test_simulate_refuses_what_it_cannot_fly(tmp_path: Path) -> None:
     assert "no scenario file" in refuse("simulate", tmp_path / "missing.json")
     assert ".json or .toml" in refuse("simulate", tmp_path / "scenario.yaml")
