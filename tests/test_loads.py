@@ -377,3 +377,16 @@ def test_the_page_says_what_the_package_says() -> None:
         assert row in text, row
     for symbol, meaning in drm_env.LOAD_SYMBOLS.items():
         assert f"| {symbol} | {meaning} |" in text, symbol
+
+
+def test_a_smoothed_slew_has_the_same_loads_on_both_plants_and_with_any_step() -> None:
+    """Peaks that size an arm: of a rigid arm they are statics, and a smoothed slew hardly bends."""
+    base: dict[str, Any] = {"slew": {"smoothing": 0.1}, "horizon": 16.0}
+    thesis = drm_env.simulate(base, loads=True).metrics
+    consistent = base | {"plant": "consistent"}
+    coarse = drm_env.simulate(consistent, loads=True).metrics
+    fine = drm_env.simulate(consistent | {"integrator_step": 2.5e-4}, loads=True).metrics
+    for name in LOAD_NAMES:
+        peak = f"{name}_peak"
+        assert coarse[peak] == pytest.approx(fine[peak], rel=1e-3, abs=1e-9), name
+        assert thesis[peak] == pytest.approx(coarse[peak], rel=2e-2, abs=1e-9), name
