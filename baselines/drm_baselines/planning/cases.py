@@ -162,8 +162,8 @@ def fly_case(case: Case) -> CaseResult:
     """Plan a case and fly what comes out, with the mass right, too small and too large."""
     try:
         plan = drm_env.plan_slew(**case.arguments)
-    except drm_env.InfeasibleError as error:
-        refused = (error.limit, error.needed, error.allowed)
+    except drm_env.InfeasibleError as refusal:
+        refused = (refusal.limit, refusal.needed, refusal.allowed)
         return CaseResult(seed=case.seed, refused=refused, used=0.0, tightest="", slower=None)
     limits = {**plan.limits.given()}
     if plan.limits.final_time is not None:

@@ -103,7 +103,7 @@ class _Programme:
         self.moving_mass = link2["length"] * link2["mass_per_length"] + payload["mass"]
         known = drm_env.resolve("slew_thesis", config={"scenario": {"payload": payload}}).context
         errors = (0.0, -plan.mass_error, plan.mass_error)[: 3 if plan.mass_error else 1]
-        inertias = []
+        inertias: list[tuple[Any, Any]] = []
         for error in (*errors, 0.0):
             reported = {
                 "mass": payload["mass"] * (1.0 + error),
@@ -178,7 +178,7 @@ class _Programme:
         )
         if not solved.success:
             raise BaselineError(f"the programme of the free profile failed: {solved.message}")
-        return float(-solved.fun), np.asarray(solved.x)
+        return -float(solved.fun or 0.0), np.asarray(solved.x)
 
 
 def _scenario(plan: drm_env.SlewPlan, times: _Array, accelerations: _Array) -> dict[str, Any]:

@@ -35,10 +35,9 @@ def plot_trades(plan: drm_env.SlewPlan, path: Path, *, overwrite: bool = False) 
     lines = -(-len(pairs) // columns)
     figure, axes = subplots(lines, columns, size=(4.3 * columns, 3.6 * lines + 0.5))
     best = front(plan.candidates)
-    for axis, (first, second) in itertools.zip_longest(axes.flat, pairs, fillvalue=("", "")):
-        if not first:
-            axis.set_visible(False)
-            continue
+    for axis in axes.flat[len(pairs) :]:
+        axis.set_visible(False)
+    for axis, (first, second) in zip(axes.flat, pairs, strict=False):
         for (profile, smoothed), (label, colour, marker) in _FAMILIES.items():
             for feasible in (True, False):
                 here = [

@@ -166,14 +166,15 @@ def requirements(needs: Needs, fraction: float, confidence: float) -> list[Requi
     for name, values in needs.items():
         both = stats.quantile_test(values, p=fraction, alternative="two-sided")
         above = stats.quantile_test(values, p=fraction, alternative="less")
-        low, high = both.confidence_interval(confidence)
+        interval: Any = both.confidence_interval(confidence)
+        bound: Any = above.confidence_interval(confidence)
         found.append(
             Requirement(
                 name=name,
                 quantile=float(np.quantile(values, fraction, method="inverted_cdf")),
-                low=float(low),
-                high=float(high),
-                size=float(above.confidence_interval(confidence).high),
+                low=float(interval.low),
+                high=float(interval.high),
+                size=float(bound.high),
                 largest=float(values.max()),
             )
         )
