@@ -50,8 +50,17 @@ def test_a_trajectory_shows_metrics_and_a_curve_of_every_signal() -> None:
     assert f"{flight['tip_deflection'].max():.4g}" in shown.text
 
 
-def test_every_signal_has_a_unit() -> None:
-    assert tuple(_html.UNITS) == SIGNAL_NAMES
+def test_every_signal_has_its_unit() -> None:
+    expected = {
+        "time": "s", "slew_angle": "rad", "slew_rate": "rad/s", "reference_angle": "rad",
+        "reference_rate": "rad/s", "reference_accel": "rad/s²", "alpha": "m", "beta": "m",
+        "alpha_rate": "m/s", "beta_rate": "m/s", "tip_deflection": "m",
+        "link2_tip_deflection": "m", "extension": "m", "extension_rate": "m/s",
+        "slew_torque": "N m", "root_torque": "N m", "tip_torque": "N m",
+        "root_momentum": "N m s", "tip_momentum": "N m s", "motor_power": "W",
+    }  # fmt: skip
+    assert {name: _html.unit_of(name) for name in SIGNAL_NAMES} == expected
+    assert _html.unit_of("something else") == ""
 
 
 def test_names_are_escaped_and_numbers_may_be_none() -> None:

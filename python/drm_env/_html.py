@@ -13,29 +13,29 @@ from numpy.typing import NDArray
 
 from drm_env.metrics import episode_metrics
 
-UNITS = {
+_UNITS = {
     "time": "s",
-    "slew_angle": "rad",
-    "slew_rate": "rad/s",
-    "reference_angle": "rad",
-    "reference_rate": "rad/s",
-    "reference_accel": "rad/s²",
+    "angle": "rad",
+    "accel": "rad/s²",
     "alpha": "m",
     "beta": "m",
-    "alpha_rate": "m/s",
-    "beta_rate": "m/s",
-    "tip_deflection": "m",
-    "link2_tip_deflection": "m",
+    "deflection": "m",
     "extension": "m",
-    "extension_rate": "m/s",
-    "slew_torque": "N m",
-    "root_torque": "N m",
-    "tip_torque": "N m",
-    "root_momentum": "N m s",
-    "tip_momentum": "N m s",
-    "motor_power": "W",
+    "torque": "N m",
+    "momentum": "N m s",
+    "power": "W",
 }
-"""Units of the signals of a trajectory."""
+"""Units of signals by the last word of their names."""
+
+
+def unit_of(signal: str) -> str:
+    """Returns the unit of a signal of a trajectory, by its name; nothing where it has none."""
+    *before, last = signal.split("_")
+    if last == "rate":
+        # of an angle unless it is the rate of a length
+        return "m/s" if _UNITS.get(before[-1] if before else "") == "m" else "rad/s"
+    return _UNITS.get(last, "")
+
 
 _WIDTH, _HEIGHT, _POINTS = 150.0, 24.0, 150
 
@@ -119,7 +119,7 @@ def trajectory(signals: Mapping[str, NDArray[np.float64]], metrics: Mapping[str,
             else ("", "")
         )
         shape = "" if name == "time" else curve(values)
-        rows.append((_text(name), _text(UNITS.get(name, "")), *ends, shape))
+        rows.append((_text(name), _text(unit_of(name)), *ends, shape))
     samples = len(next(iter(signals.values()), ()))
     until = f", {signals['time'][-1]:g} s" if samples and "time" in signals else ""
     lost = " (diverged)" if metrics.get("diverged") else ""
