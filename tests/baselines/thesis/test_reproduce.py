@@ -570,7 +570,7 @@ def test_the_command_writes_a_picture_a_table_and_a_page_that_stands_alone(tmp_p
     assert len(table) == 28 and {row["verdict"] for row in table} == {"reproduced"}
     page = (out / "selection.html").read_text(encoding="utf-8")
     links = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert links and all(link.startswith(("data:image/png;base64,", "#")) for link in links)
+    assert links and all(link.startswith(("data:image/webp;base64,", "#")) for link in links)
     # Results of this command may be renewed, anything else may not be overwritten.
     assert drm("reproduce", "--only", "figure-4.38", "--out", out).exit_code == 0
 
