@@ -92,6 +92,11 @@ docs: $(READY) ## the documentation: site/docs/index.html (the notebooks run; th
 	cp -R "$${CARGO_TARGET_DIR:-target}/doc" site/docs/rust
 	$(BIN)/python tools/check_site.py site/docs
 
+.PHONY: dist
+dist: $(TOOLS) ## wheels and source distributions in dist/, each tried in an empty environment
+	@test "$$(uname)" != Linux || $(BIN)/uv pip install --quiet --python $(BIN)/python ziglang==0.17.1
+	$(BIN)/python tools/dist.py
+
 .PHONY: clean
 clean: ## remove everything that was built, the virtual environment included
 	rm -rf target .venv dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,0 +1,86 @@
+"""Tries an installed drm-env, from anywhere but the source tree: it flies and says what it is.
+
+    python smoke.py          # the environments, a batch, a law, the engine's picture
+    python smoke.py --json   # and sizes and import times as JSON, on the last line
+
+Needs drm-env alone; of drm-baselines what is installed is tried too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import importlib.util
+import json
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+RUNS = 9
+
+
+def import_seconds(module: str) -> float:
+    """How long a fresh interpreter takes to import a module, as Python itself counts."""
+    code = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
+    seen = [
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
+        for _ in range(RUNS)
+    ]
+    return statistics.median(seen)
+
+
+def main() -> None:
+    """Fly, draw, ask and say."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--json", action="store_true")
+    given = options.parse_args()
+
+    import gymnasium as gym
+    import numpy as np
+
+    import drm_env
+
+    home = Path(drm_env.__file__).parent
+    assert "site-packages" in home.parts, f"this is the source tree, not an installation: {home}"
+    env = gym.make("drm_env/Slew-v0", payload_mass=(50.0, 500.0), render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(5):
+        observation, *_ = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observation)
+    assert np.asarray(env.render()).std() > 0
+    drm_env.check_vector_env(
+        gym.make_vec("drm_env/Slew-v1", num_envs=8, horizon=1.0),
+        single=lambda: gym.make("drm_env/Slew-v1", horizon=1.0),
+    )
+    # the largest angle that the thesis prints for this flight, and with this law
+    for law, angle in (("none", 56.21), ("lyapunov", 50.07)):
+        flown = drm_env.simulate({"payload": {"width": 0.0}, "mass_error": 0.15}, law=law)
+        peak = float(np.degrees(flown.metrics["peak_slew_angle"]))
+        assert abs(peak - angle) < 0.05, (law, peak)
+    said = f"drm-env {importlib.metadata.version('drm-env')} flies"
+    if importlib.util.find_spec("drm_baselines"):
+        from drm_baselines import make_policy
+
+        policy = make_policy("learned")
+        env = gym.make(policy.env_id, config=policy.config)
+        action, _ = policy.predict(env.reset(seed=0)[0])
+        assert env.action_space.contains(action)
+        version = importlib.metadata.version("drm-baselines")
+        said += f", and so does a network of drm-baselines {version}"
+    print(said)
+    if given.json:
+        library = next(p for p in home.glob("_engine*") if p.suffix in (".so", ".pyd"))
+        own, theirs = import_seconds("drm_env"), import_seconds("gymnasium")
+        found = {
+            "library_mb": library.stat().st_size / 1e6,
+            "package_mb": sum(p.stat().st_size for p in home.rglob("*") if p.is_file()) / 1e6,
+            "import_drm_env_ms": 1e3 * own,
+            "import_gymnasium_ms": 1e3 * theirs,
+            "import_ratio": own / theirs,
+        }
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
