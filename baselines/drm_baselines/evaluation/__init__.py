@@ -1,7 +1,8 @@
 """Flying policies over the same episodes, and what the records say.
 
 ``episodes`` flies, ``contestants`` and ``comparison`` are behind ``drm compare``; ``records`` and
-``metrics`` hold what was measured, ``statistics`` judges it, ``tables`` and ``plots`` show it.
+``metrics`` hold what was measured, ``statistics`` judges it, ``tables`` and ``plots`` show it,
+``datasets`` keeps flights for offline learning.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 from drm_baselines.support.lazy import exports
 
 if TYPE_CHECKING:
+    from drm_baselines.evaluation.datasets import create_minari_dataset
     from drm_baselines.evaluation.environments import (
         config_data,
         environment_config,
@@ -25,6 +27,7 @@ __all__ = [
     "TRAINING_SEED",
     "Progress",
     "config_data",
+    "create_minari_dataset",
     "environment_config",
     "episode_seeds",
     "fly_law",
@@ -37,6 +40,7 @@ __all__ = [
 __getattr__ = exports(
     __name__,
     {
+        ".datasets": ["create_minari_dataset"],
         ".episodes": ["Progress", "fly_law", "fly_policy"],
         ".environments": [
             "config_data",

@@ -27,6 +27,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "report": (*_EVALUATE, "clarabel", "pyarrow"),
     "learn": (*_EVALUATE, "clarabel", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
     "tune": (*_EVALUATE, "clarabel", "optuna"),
+    "data": ("h5py", "minari"),
     "bench": (*_CLI, "matplotlib", "numba", "psutil"),
     "scale": (*_CLI, "ray"),
 }
