@@ -122,8 +122,10 @@ HEAVY: list[dict[str, Any]] = [
 def test_the_other_environments_of_a_batch_do_not_notice(
     heavy: dict[str, Any], mode: AutoresetMode, where: list[int]
 ) -> None:
-    """Some environments of a batch diverge in mid-flight; those beside them have the bits that they have
-    in a batch where nothing happens."""
+    """Some environments of a batch diverge.
+
+    Those beside them have the bits that they have in a batch where nothing happens.
+    """
     settings = {**options(), **heavy, "payload_mass": (100.0, 200.0)}
     batches = [drm_env.DrmVectorEnv(11, autoreset_mode=mode, **settings) for _ in range(2)]
     mass = {"payload_mass": heavy["payload_mass"]}
