@@ -36,7 +36,8 @@ def run(*command: str | Path, **arguments: Any) -> str:
     )
     if done.returncode:
         raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}\nfailed: {done.returncode}")
-    return done.stdout
+    printed: str = done.stdout
+    return printed
 
 
 def build(out: Path) -> None:

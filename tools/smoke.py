@@ -62,7 +62,7 @@ def main() -> None:
     if importlib.util.find_spec("drm_baselines"):
         from drm_baselines import make_policy
 
-        policy = make_policy("learned")
+        policy: Any = make_policy("learned")
         env = gym.make(policy.env_id, config=policy.config)
         action, _ = policy.predict(env.reset(seed=0)[0])
         assert env.action_space.contains(action)

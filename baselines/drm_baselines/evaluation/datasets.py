@@ -112,9 +112,12 @@ def _flown(
     envs = gym.make_vec(env_id, num_envs=n, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     if isinstance(policy, LawPolicy):
         policy = policy.acting_in(envs)
-    observations, _ = envs.reset(seed=seeds)
+    observations, _ = envs.reset(seed=seeds)  # type: ignore[arg-type]
     seen: list[Any] = [observations]
-    acted, paid, terminations, truncations = [], [], [], []
+    acted: list[Any] = []
+    paid: list[Any] = []
+    terminations: list[Any] = []
+    truncations: list[Any] = []
     lengths = np.zeros(n, np.int64)
     told: list[dict[str, Any]] = [{} for _ in seeds]
     finals: list[Any] = [None] * n

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.planning.trade import TRADED, front
-from drm_baselines.support.figures import save_figure, single, subplots
+from drm_baselines.support.figures import save_figure, subplots
 from drm_baselines.support.palette import OKABE_ITO
 
 _FAMILIES = {
@@ -110,7 +110,8 @@ def plot_tip_path(
     low = min(0.0, float(places[:, 1].min())) - 1.5
     high = max(0.0, float(places[:, 1].max())) + 1.5
     wide = 2.08 * ring.edge
-    figure, axis = single(size=(7.0, 1.0 + 6.2 * (high - low) / wide))
+    figure, axes = subplots(size=(7.0, 1.0 + 6.2 * (high - low) / wide))
+    axis = axes[0, 0]
     axis.add_patch(
         Annulus(
             (0.0, 0.0), ring.edge, ring.edge - ring.hole, color=OKABE_ITO["sky blue"], alpha=0.12,

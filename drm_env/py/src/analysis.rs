@@ -386,7 +386,7 @@ pub(crate) fn simulate<'py>(
                 let flown = if loads {
                     fly_one_loaded(&scenario, &Pilot::law(&law)?, every.0, seed)?
                 } else {
-                    let flown = flights::simulate(scenario, &law, every.0, seed)?;
+                    let flown = flights::simulate(*scenario, &law, every.0, seed)?;
                     LoadedTrajectory {
                         signals: SIGNAL_NAMES.into_iter().zip(flown.signals).collect(),
                         metrics: flown.metrics,

@@ -64,7 +64,7 @@ impl Manoeuvre {
 
 /// What is flown: a manoeuvre or a mission.
 pub(crate) enum Flyable {
-    Scenario(ValidScenario),
+    Scenario(Box<ValidScenario>),
     Mission(Box<ValidMission>),
 }
 
@@ -78,10 +78,13 @@ impl Manoeuvre {
                 let config = config.get().held();
                 match &config.mission {
                     Some(mission) => ValidMission::new(mission, scenario),
-                    None => return Ok(Flyable::Scenario(scenario)),
+                    None => return Ok(Flyable::Scenario(Box::new(scenario))),
                 }
             }
-            _ => return self.scenario(name).map(Flyable::Scenario),
+            _ => {
+                let scenario = self.scenario(name)?;
+                return Ok(Flyable::Scenario(Box::new(scenario)));
+            }
         };
         let mission = mission.map_err(|error| match name {
             Some(name) => error.within(name),
@@ -143,7 +146,7 @@ pub(crate) fn flyables(given: &[Manoeuvre]) -> Result<Flyables, ConfigError> {
         interruption::poll();
         let name = format!("scenarios[{i}]");
         match manoeuvre.flyable(Some(&name))? {
-            Flyable::Scenario(scenario) => scenarios.push(scenario),
+            Flyable::Scenario(scenario) => scenarios.push(*scenario),
             Flyable::Mission(mission) => missions.push(*mission),
         }
         if !(scenarios.is_empty() || missions.is_empty()) {

@@ -369,7 +369,7 @@ impl Mission {
     fn period_samples(&self, base: &Scenario) -> Result<u64, ConfigError> {
         positive("mission.period", self.period)?;
         let ratio = self.period / base.sample_period;
-        if ratio < 0.5 || ratio > 1e9 || (ratio - libm::round(ratio)).abs() > 1e-6 * ratio {
+        if !(0.5..=1e9).contains(&ratio) || (ratio - libm::round(ratio)).abs() > 1e-6 * ratio {
             let requirement = format!(
                 "must be a whole number of sample periods of {} s",
                 base.sample_period

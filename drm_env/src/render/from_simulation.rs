@@ -54,6 +54,9 @@ pub fn stage(scenario: &Scenario, magnification: f64) -> Result<Stage, ConfigErr
 }
 
 /// What stays the same through an episode of an environment: a manoeuvre, or the legs of a mission.
+///
+/// # Errors
+/// See [`stage`].
 pub fn stage_of(env: &Env, magnification: f64) -> Result<Stage, ConfigError> {
     let mut stage = stage(&env.scenario(), magnification)?;
     if let Some((angle, path)) = env.mission_path() {

@@ -427,7 +427,7 @@ impl Course {
                 && record.angle == angle
                 && record.terms.iter().all(|x| x.is_finite() && *x <= 0.0)
                 && (0.0..=1e9).contains(&samples)
-                && (cut || samples as u64 % period == 0);
+                && (cut || (samples as u64).is_multiple_of(period));
             if !fits {
                 return Err(damaged(&"it holds records of other legs"));
             }

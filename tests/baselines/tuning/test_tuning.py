@@ -396,7 +396,7 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
             "must not be the file that --package overwrites",
         ),
         (["linear", "--env", "drm_env/Slew-v0"], "--env means nothing for linear"),
-        (["ppo", "--env", "CartPole-v1"], "no environment 'CartPole-v1'; there are drm_env/Slew"),
+        (["ppo", "--env", "CartPole-v1"], "no environment 'CartPole-v1'; there are drm_env/"),
         (
             ["ppo", "--env", "drm_env/SlewThesis-v0", "--package"],
             "--package has learners for drm_env/SlewResidual-v0, drm_env/Slew-v0, got --env "
