@@ -15,6 +15,7 @@ import json
 import statistics
 import subprocess
 import sys
+from typing import Any
 from pathlib import Path
 
 RUNS = 9

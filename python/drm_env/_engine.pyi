@@ -162,7 +162,7 @@ class Batch:
         """
         Metrics of the episodes that ended in the last step; zeros elsewhere.
         """
-    def mission_reports(self, /, size: int) -> NDArray[float64]:
+    def mission_reports(self, /, size: SupportsIndex) -> NDArray[float64]:
         """
         `Env.mission_report` of the episodes that ended in the last step, a row an environment of so many
         entries; zeros elsewhere.
@@ -720,21 +720,24 @@ def rollout(
     every: SupportsIndex,
     loads: bool = False,
 ) -> tuple[
-    NDArray[float64],
-    list[tuple[str, NDArray[float64]]],
-    tuple[NDArray[float64], NDArray[float64]] | None,
+    tuple[
+        NDArray[float64],
+        list[tuple[str, NDArray[float64]]],
+        tuple[NDArray[float64], NDArray[float64]] | None,
+    ],
+    list[list[tuple[int, str, float, float, float, tuple[float, float], list[float], list[float]]]],
 ]:
     """
     Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
     under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
-    `every`-th sample, and with `loads` their peaks and root mean squares, a row a manoeuvre each. `progress(flown, all)` is called now and then; what it raises ends the work
+    `every`-th sample, with `loads` their peaks and root mean squares, a row a manoeuvre each, and the legs of each mission. `progress(flown, all)` is called now and then; what it raises ends the work
     and is raised here.
     """
 
 def rollout_asked(
     scenarios: SupportsGetItem[int, str | Config],
     law: Any,
-    period: SupportsFloat | None,
+    period: SupportsFloat | SupportsIndex | None,
     seeds: SupportsGetItem[int, bytes | bytearray],
     progress: Any | None,
     signals: SupportsGetItem[int, str] | None,
@@ -772,6 +775,7 @@ def simulate(
     list[tuple[str, NDArray[float64]]],
     list[tuple[str, float]],
     tuple[NDArray[float64], NDArray[float64]] | None,
+    list[tuple[int, str, float, float, float, tuple[float, float], list[float], list[float]]],
 ]:
     """
     Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, and with `loads`

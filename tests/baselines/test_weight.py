@@ -198,7 +198,11 @@ def refused(done: subprocess.CompletedProcess[str], extra: str) -> str:
         (("train", "--out", "OUT"), "learn", "scipy, stable_baselines3 and torch"),
         (("imitate", "--out", "OUT"), "learn", "clarabel, scipy and torch"),
         (("tune", "lqr", "--out", "OUT"), "tune", "clarabel, optuna and scipy"),
-        (("benchmark", "--out", "OUT"), "report", "jinja2, matplotlib, scipy, clarabel and pyarrow"),
+        (
+            ("benchmark", "--out", "OUT"),
+            "report",
+            "jinja2, matplotlib, scipy, clarabel and pyarrow",
+        ),
         (("sweep", "--out", "OUT"), "report", "matplotlib, pyarrow and scipy"),
         (
             ("train", "--seeds", "0-1", "--out", "OUT"),

@@ -9,15 +9,21 @@ use super::{Lane, laned_number};
 #[repr(C, align(16))]
 pub struct Pack<const N: usize>(pub [f64; N]);
 
-/// One expression for each lane, as a loop: a closure, as of `array::from_fn`, is compiled without the
-/// instructions of the code around it whenever the compiler does not inline it.
+/// One expression for each lane. Many lanes are a loop: a closure, as of `array::from_fn`, is compiled
+/// without the instructions of the code around it whenever the compiler does not inline it. Two lanes are
+/// what every processor has: there is nothing to lose, and the code, which stands in every kind of work,
+/// stays small.
 macro_rules! each_lane {
     ($i:ident in $lanes:ident: $value:expr) => {{
-        let mut values = [0.0; $lanes];
-        for $i in 0..$lanes {
-            values[$i] = $value;
+        if $lanes == 2 {
+            Self(std::array::from_fn(|$i| $value))
+        } else {
+            let mut values = [0.0; $lanes];
+            for $i in 0..$lanes {
+                values[$i] = $value;
+            }
+            Self(values)
         }
-        Self(values)
     }};
 }
 
