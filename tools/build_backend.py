@@ -11,7 +11,7 @@ import shutil
 import sys
 from typing import Any
 
-import maturin  # type: ignore[import-untyped]
+import maturin
 
 MESSAGE = """
 drm-env is compiled from its sources here, and for that it needs Rust 1.89 or newer and a C linker.

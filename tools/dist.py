@@ -36,8 +36,7 @@ def run(*command: str | Path, **arguments: Any) -> str:
     )
     if done.returncode:
         raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}\nfailed: {done.returncode}")
-    printed: str = done.stdout
-    return printed
+    return str(done.stdout)
 
 
 def build(out: Path) -> None:

@@ -15,7 +15,6 @@ import json
 import statistics
 import subprocess
 import sys
-from typing import Any
 from pathlib import Path
 
 RUNS = 9
@@ -62,9 +61,12 @@ def main() -> None:
     said = f"drm-env {importlib.metadata.version('drm-env')} flies"
     if importlib.util.find_spec("drm_baselines"):
         from drm_baselines import make_policy
+        from drm_baselines.policies.perceptron import NetworkPolicy
 
-        policy: Any = make_policy("learned")
-        env = gym.make(policy.env_id, config=policy.config)
+        env = gym.make("drm_env/Slew-v0", control_period=0.002)
+        policy = make_policy("learned")
+        if isinstance(policy, NetworkPolicy):
+            env = gym.make(policy.env_id, config=policy.config)
         action, _ = policy.predict(env.reset(seed=0)[0])
         assert env.action_space.contains(action)
         version = importlib.metadata.version("drm-baselines")

@@ -54,9 +54,9 @@ def create_minari_dataset(
     Returns
     -------
     dataset
-        Each episode's metadata have ``context/...`` (the true payload, what was reported of it, all
-        other parameters) and ``metrics/...``; what does not exist, such as the settling time of an
-        arm that has not settled, is missing. Units are SI and radians.
+        Each episode's metadata have ``context.NAME`` (the true payload, what was reported of it,
+        all other parameters) and ``metrics.NAME``. What does not exist, such as the settling time
+        of an arm that has not settled, is missing. Units are SI and radians.
 
     Raises
     ------
@@ -139,7 +139,8 @@ def _flown(
             lengths[index] = len(acted)
             finals[index] = infos["final_obs"][index]
             told[index] = {
-                key: np.asarray(values)[index].item()
+                # a slash would be a group of HDF5
+                key.replace("/", "."): np.asarray(values)[index].item()
                 for key, values in infos["final_info"].items()
                 if key.startswith(("context/", "metrics/", "diverged", "is_success"))
                 and values[index] != drm_env.NO_VALUE
