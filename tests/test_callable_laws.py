@@ -178,9 +178,9 @@ def test_ctrl_c_ends_the_flight() -> None:
     program = textwrap.dedent(
         """
         import numpy as np, drm_env
-        print("flying", flush=True)
         law = lambda rows: np.zeros((len(rows), 2))
         try:
+            print("flying", flush=True)
             drm_env.rollout([{"horizon": 1e5}] * 4, law)
         except KeyboardInterrupt:
             print("interrupted", flush=True)

@@ -16,6 +16,7 @@ import hashlib
 import os
 import platform
 import signal
+import socket
 import threading
 import time
 from collections import deque
@@ -36,6 +37,9 @@ _STORE_BYTES = 128 << 20
 
 _SIZE_FOR = 10.0
 """Seconds for which the size of the cluster is taken to stay: nodes come and go."""
+
+_ANSWER = 10.0
+"""How long a cluster may take to answer at its address, s."""
 
 _DONE_BEFORE: list[dict[str, str]] = []  # in a worker: what has been compared already
 
@@ -274,9 +278,27 @@ def cluster(address: str, cores_each: int = 1) -> Iterator[OnRay]:
         ray.shutdown()
 
 
+def _knock(address: str) -> None:
+    """Refuse an address where nobody answers, which Ray would go on asking for minutes.
+
+    Raises
+    ------
+    ClusterError
+        Nobody answers there, or it is no address.
+    """
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon:
+        return  # a word of Ray's, such as "auto"
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_ANSWER).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise ClusterError(f"no Ray cluster at {address}: {error}") from error
+
+
 def _connect(ray: Any, address: str) -> None:
     quiet = {"log_to_driver": False, "configure_logging": False}
     if address != "local":
+        _knock(address)
         try:
             ray.init(address=address, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:

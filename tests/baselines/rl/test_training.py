@@ -381,7 +381,7 @@ def test_existing_runs_are_kept_and_force_starts_anew(tmp_path: Path) -> None:
 def test_impossible_requests_leave_no_directory(tmp_path: Path) -> None:
     with pytest.raises(drm_env.ConfigError, match=r"payload\.mass"):
         train(tmp_path / "run", request(options={"payload_mass": -1.0}))
-    with pytest.raises(BaselineError, match="there are drm_env/Slew"):
+    with pytest.raises(BaselineError, match="there are drm_env/"):
         train(tmp_path / "run", request(env_id="drm_env/Slow-v0"))
     assert not (tmp_path / "run").exists()
 
