@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,9 @@ def test_a_node_is_killed_and_nothing_changes(
     assert killed[0] < 400 and outcome.flown == 40
     assert files_of(tmp_path / "ray") == files_of(tmp_path / "local")
     with executor(place):
+        end = time.monotonic() + 60.0  # Ray notices a little later
+        while alive() == there[0] and time.monotonic() < end:
+            time.sleep(0.2)
         assert alive() == there[0] - 1
 
 
