@@ -51,9 +51,9 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout and "nan" not in done.stdout
-    told = done.stderr.splitlines()
-    if name == "train_with_rllib":
-        told = [line for line in told if "WARNING" not in line]  # RLlib's advice about itself
-    assert told == []
+    if name == "train_with_rllib":  # which gives advice about itself
+        assert "Traceback" not in done.stderr
+    else:
+        assert not done.stderr
     if name == "custom_reward":
         assert (tmp_path / "reward.png").stat().st_size > 1000
