@@ -81,7 +81,7 @@ def test_that_no_episode_has_ended_is_said() -> None:
 
 def test_what_is_no_vector_environment_is_refused() -> None:
     with pytest.raises(drm_env.ConfigError, match="got DrmEnv"):
-        check_vector_env(gym.make(ID).unwrapped)  # type: ignore[arg-type]
+        check_vector_env(gym.make(ID).unwrapped)  # type: ignore[arg-type]  # the mistake
     with pytest.raises(drm_env.ConfigError, match="steps"):
         check_vector_env(gym.make_vec(ID, num_envs=2), steps=0)
 
@@ -391,7 +391,7 @@ def test_wrappers_that_have_a_memory_are_seen() -> None:
     with pytest.raises(CheckError, match="writing into returned arrays changes the flight"):
         check_sb3_vec_env(VecFrameStack(DrmSB3VecEnv(2, **STAGGERED), 3))
     with pytest.raises(drm_env.ConfigError, match="venv must be a VecEnv, got DrmVectorEnv"):
-        check_sb3_vec_env(drm_env.DrmVectorEnv(2))  # type: ignore[arg-type]
+        check_sb3_vec_env(drm_env.DrmVectorEnv(2))  # type: ignore[arg-type]  # the mistake
 
 
 class SB3Walk(VecEnv):

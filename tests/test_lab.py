@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +24,6 @@ LARGEST_PAGE = 3_000_000
 
 
 @functools.cache
-def browser_path() -> str | None:
-    return shutil.which("chromium") or shutil.which("chromium-browser")
-
-
-@functools.cache
 def has_target() -> bool:
     """Whether Rust has a standard library for WebAssembly here."""
     if shutil.which("rustc") is None:
@@ -43,9 +37,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not has_target(), reason="needs 'rustup target add wasm32-unknown-unknown'"),
 ]
-needs_browser = pytest.mark.skipif(
-    browser_path() is None, reason="needs Chromium ('apt-get install chromium')"
-)
 
 
 @pytest.fixture(scope="module")
@@ -56,26 +47,6 @@ def lab() -> Path:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return page
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=browser_path(),
-            args=[
-                "--no-sandbox",
-                "--disable-gpu",
-                "--disable-quic",
-                "--no-first-run",
-                "--disable-background-networking",
-                "--disable-component-update",
-                "--disable-sync",
-            ],
-        )
-        yield started
-        started.close()
 
 
 class Visitor:
@@ -139,7 +110,6 @@ def test_the_page_is_one_small_file_without_addresses(lab: Path) -> None:
     assert str(ROOT) not in text and str(Path.home()) not in text
 
 
-@needs_browser
 @pytest.mark.parametrize("engine", ["relaxed", "portable"])
 def test_a_turned_slider_flies_the_bits_of_simulate(browser: Any, lab: Path, engine: str) -> None:
     visitor = Visitor(browser, lab, "t=0" if engine == "relaxed" else f"t=0&engine={engine}")
@@ -157,7 +127,6 @@ def test_a_turned_slider_flies_the_bits_of_simulate(browser: Any, lab: Path, eng
     visitor.leave()
 
 
-@needs_browser
 @pytest.mark.parametrize("plant", ["thesis", "consistent"])
 def test_every_policy_flies_on_both_plants(browser: Any, lab: Path, plant: str) -> None:
     address = f"t=0&plant={plant}&mass=120&error=-20&profile=min_energy&noise=0.1&delay=4"
@@ -175,7 +144,6 @@ def test_every_policy_flies_on_both_plants(browser: Any, lab: Path, plant: str) 
     visitor.leave()
 
 
-@needs_browser
 @pytest.mark.parametrize("plant", ["thesis", "consistent"])
 def test_a_flight_is_far_faster_than_real_time(browser: Any, lab: Path, plant: str) -> None:
     """On one core: one policy flies, in one worker; the best of some: the machine may be busy."""
@@ -191,7 +159,6 @@ def test_a_flight_is_far_faster_than_real_time(browser: Any, lab: Path, plant: s
     visitor.leave()
 
 
-@needs_browser
 def test_scrubbing_and_playing_move_the_arm(browser: Any, lab: Path) -> None:
     visitor = Visitor(browser, lab, "t=0&a=linear&b=none", viewport={"width": 1280, "height": 800})
     page = visitor.page
@@ -227,7 +194,6 @@ def test_scrubbing_and_playing_move_the_arm(browser: Any, lab: Path) -> None:
     visitor.leave()
 
 
-@needs_browser
 def test_a_link_brings_the_same_flight_back(browser: Any, lab: Path) -> None:
     visitor = Visitor(browser, lab)
     visitor.turn("angle", 77)
@@ -245,7 +211,6 @@ def test_a_link_brings_the_same_flight_back(browser: Any, lab: Path) -> None:
     again.leave()
 
 
-@needs_browser
 def test_the_python_lines_make_the_same_flight(browser: Any, lab: Path) -> None:
     visitor = Visitor(
         browser, lab, "t=0&a=none&b=lqr&mass=410&mode=force_limited&accel=0.015&tip=5"
@@ -264,7 +229,6 @@ def test_the_python_lines_make_the_same_flight(browser: Any, lab: Path) -> None:
     visitor.leave()
 
 
-@needs_browser
 def test_what_cannot_be_flown_is_said_in_the_engine_s_words(browser: Any, lab: Path) -> None:
     visitor = Visitor(browser, lab, "t=0")
     page = visitor.page
@@ -285,7 +249,6 @@ def test_what_cannot_be_flown_is_said_in_the_engine_s_words(browser: Any, lab: P
     visitor.leave()
 
 
-@needs_browser
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 def test_a_phone_shows_everything_without_scrolling_sideways(
     browser: Any, lab: Path, scheme: str

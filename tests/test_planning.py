@@ -235,11 +235,18 @@ def test_limits_hold_for_every_error_of_the_mass() -> None:
         limits=limits, mass_error=0.15, law="linear", shapes=[("min_time", 0.05)]
     )
     assert plan.scenario["root_wheel"]["momentum_limit"] == 300.0
-    for error in (-0.15, 0.0, 0.1, 0.15):
-        flown = drm_env.simulate({**plan.scenario, "mass_error": error}, law="linear")
-        assert np.abs(flown["root_momentum"]).max() < 300.0
+    flown = {
+        error: np.abs(
+            drm_env.simulate({**plan.scenario, "mass_error": error}, law="linear")["root_momentum"]
+        ).max()
+        for error in (-0.15, 0.0, 0.1, 0.15)
+    }
+    assert max(flown.values()) < 300.0
+    # nor is it slower than it has to be
+    assert plan.best.worst is not None and plan.best.worst[0] == "root_wheel_momentum"
+    assert max(flown.values()) > 0.99 * 300.0
     needs = drm_env.slew_demands(final_time=plan.best.final_time, smoothing=0.05, mass_error=0.15)
-    assert needs["root_wheel_momentum"] == pytest.approx(300.0, rel=0.04)
+    assert needs["root_wheel_momentum"] == pytest.approx(flown[0.15], rel=0.02)
 
 
 def test_objectives() -> None:

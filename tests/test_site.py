@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -145,21 +143,6 @@ def test_the_reference_names_everything_public(site: Path) -> None:
     text = (site / "environments.html").read_text(encoding="utf-8")
     for name in (*drm_env.option_names(), "drm_env/SlewFlexible-v0", "link2_deflection_rate_fine"):
         assert name in text, name
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api")
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
-        pytest.skip("needs Chromium ('apt-get install chromium')")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=path,
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
-        yield started
-        started.close()
 
 
 @pytest.mark.slow

@@ -173,6 +173,7 @@ class _VectorProbe:
         self.shares = getattr(envs.unwrapped, "copy", True) is False
 
     def reset(self, seed: int | Sequence[int]) -> Any:
+        # batches take a seed each, which Gymnasium's annotation leaves out
         returned = self.envs.reset(seed=seed)  # type: ignore[arg-type]
         if not (isinstance(returned, tuple) and len(returned) == 2):
             raise CheckError(

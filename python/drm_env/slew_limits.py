@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -135,7 +135,7 @@ class SlewLimits:
         """
         if isinstance(limits, cls):
             return limits
-        given: Mapping[str, Any] = {} if limits is None else limits  # type: ignore[assignment]
+        given: object = {} if limits is None else limits
         if not isinstance(given, Mapping):
             raise ConfigError(f"limits must be a mapping or SlewLimits, got {limits!r}")
         known = [field.name for field in fields(cls)]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -251,7 +251,7 @@ def plan(
             overwrite=force,
         ),
         storage.write_json(out / "scenario.json", found.scenario, overwrite=force),
-        _write_rows(out / "candidates.csv", table, overwrite=force),
+        storage.write_rows(out / "candidates.csv", table, overwrite=force),
         write_trajectory(out / "flight.csv", flight, overwrite=force),
         pictures.plot_trades(found, out / "trades.png", overwrite=force),
         pictures.plot_tip_path(found, flight, out / "path.png", overwrite=force),
@@ -291,19 +291,6 @@ def _described(
         if value is not None:
             found = with_value(found, path, value)
     return found
-
-
-def _write_rows(path: Path, table: Sequence[Mapping[str, Any]], *, overwrite: bool) -> Path:
-    from drm_baselines.support import storage
-
-    with (
-        storage.atomic_path(path, overwrite=overwrite) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as stream,
-    ):
-        writer = csv.DictWriter(stream, list(table[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
-    return path
 
 
 def _say_plan(found: drm_env.SlewPlan) -> None:
@@ -385,7 +372,7 @@ def _prove(cases: int, seed: int, plants: Sequence[str], as_json: bool) -> None:
                 fly_cases(
                     range(seed, seed + cases),
                     plant,
-                    lambda done, plant=plant: tell(plant, done, cases),  # type: ignore[misc]
+                    functools.partial(tell, plant, total=cases),
                 )
             )
     counts = [proof.counts() for proof in proofs]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -219,7 +218,7 @@ def size(
     ]
     if points:
         files.append(
-            _write(
+            storage.write_rows(
                 out / "sweep.csv", [dataclasses.asdict(each) for each in points], overwrite=force
             )
         )
@@ -234,19 +233,6 @@ def _payload(missions: Missions) -> str:
     return f"payload of {missions.payload:g} kg"
 
 
-def _write(path: Path, rows: Sequence[Mapping[str, Any]], *, overwrite: bool) -> Path:
-    from drm_baselines.support import storage
-
-    with (
-        storage.atomic_path(path, overwrite=overwrite) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as stream,
-    ):
-        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
-
-
 def _write_missions(
     path: Path,
     drawn: Sequence[Mapping[str, Any]],
@@ -255,6 +241,8 @@ def _write_missions(
     *,
     overwrite: bool,
 ) -> Path:
+    from drm_baselines.support import storage
+
     rows = [
         {
             "seed": seed + index,
@@ -264,7 +252,7 @@ def _write_missions(
         }
         for index, scenario in enumerate(drawn)
     ]
-    return _write(path, rows, overwrite=overwrite)
+    return storage.write_rows(path, rows, overwrite=overwrite)
 
 
 def _say(

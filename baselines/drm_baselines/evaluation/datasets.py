@@ -112,6 +112,7 @@ def _flown(
     envs = gym.make_vec(env_id, num_envs=n, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     if isinstance(policy, LawPolicy):
         policy = policy.acting_in(envs)
+    # batches take a seed each, which Gymnasium's annotation leaves out
     observations, _ = envs.reset(seed=seeds)  # type: ignore[arg-type]
     seen: list[Any] = [observations]
     acted: list[Any] = []

@@ -428,13 +428,7 @@ class _Curve:
 
     def save(self, student: Student) -> None:
         """Write policy and curve."""
-        with (
-            storage.atomic_path(self.directory / EVALUATIONS_FILE, overwrite=True) as temporary,
-            temporary.open("w", newline="", encoding="utf-8") as stream,
-        ):
-            writer = csv.DictWriter(stream, list(self.points[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(self.points)
+        storage.write_rows(self.directory / EVALUATIONS_FILE, self.points, overwrite=True)
         description = describe(self.study, self.points, self.finished)
         if self.begun is not None:
             before = self.begun.description

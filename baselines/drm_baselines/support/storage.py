@@ -9,6 +9,7 @@ that JSON does not know (NaN, infinity) become null, so that any JSON reader can
 from __future__ import annotations
 
 import contextlib
+import csv
 import hashlib
 import json
 import math
@@ -17,7 +18,7 @@ import re
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -141,6 +142,18 @@ def write_text(path: Path, text: str, *, overwrite: bool = False) -> Path:
     """Write ``text`` (UTF-8) to ``path`` in one rename; return ``path``."""
     with atomic_path(path, overwrite=overwrite) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]], *, overwrite: bool = False) -> Path:
+    """Write rows that have the same columns as CSV in one rename; return ``path``."""
+    with (
+        atomic_path(path, overwrite=overwrite) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     return path
 
 

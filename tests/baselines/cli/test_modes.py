@@ -6,28 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
 import drm_env
-from drm_baselines.cli import app
+from typed_command import TypedCommand
 
-
-def drm_modes(*arguments: str | Path | float) -> Result:
-    return CliRunner().invoke(app, ["modes", *(str(argument) for argument in arguments)])
-
-
-def succeed(*arguments: str | Path | float) -> str:
-    result = drm_modes(*arguments)
-    assert result.exit_code == 0, result.output + result.stderr
-    return result.stdout
-
-
-def refuse(*arguments: str | Path | float) -> str:
-    """Run it where it must be refused; return its message, which is no traceback."""
-    result = drm_modes(*arguments)
-    assert result.exit_code == 2, result.output
-    assert "Traceback" not in result.stderr
-    return " ".join(result.stderr.split())
+_command = TypedCommand("modes")
+succeed, refuse = _command.succeed, _command.refuse
 
 
 def test_json_holds_the_frequencies_of_every_plant() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,38 +19,9 @@ from drm_baselines.pages.writer import write_page
 from drm_baselines.thesis import writing
 from drm_baselines.thesis.results import Entry, Outcome, Verdict, judged, ours_only
 
-
-@functools.cache
-def browser_path() -> str | None:
-    return shutil.which("chromium") or shutil.which("chromium-browser")
-
-
-pytestmark = pytest.mark.skipif(
-    browser_path() is None, reason="needs Chromium ('apt-get install chromium')"
-)
 EVIL = "<img src=x onerror=\"document.title='taken'\">"
 LAWS = ("none", "linear", "lyapunov")
 SCENARIO = {"mass_error": 0.15}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=browser_path(),
-            args=[
-                "--no-sandbox",
-                "--disable-gpu",
-                "--disable-quic",
-                "--no-first-run",
-                "--disable-background-networking",
-                "--disable-component-update",
-                "--disable-sync",
-            ],
-        )
-        yield started
-        started.close()
 
 
 class Reader:

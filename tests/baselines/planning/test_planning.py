@@ -10,32 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 import drm_env
-from drm_baselines.cli import app
 from drm_baselines.errors import BaselineError
 from drm_baselines.planning import TRADED, draw_case, fly_cases, front
 from drm_baselines.planning.free import free_profile
+from typed_command import TypedCommand
 
 PICTURES = ("loads.png", "path.png", "trades.png")
 
 
-def drm_plan(*arguments: str | Path | float) -> Result:
-    return CliRunner().invoke(app, ["plan", *(str(argument) for argument in arguments)])
-
-
-def succeed(*arguments: str | Path | float) -> str:
-    result = drm_plan(*arguments)
-    assert result.exit_code == 0, result.output + result.stderr
-    return result.stdout
-
-
-def refuse(*arguments: str | Path | float) -> str:
-    result = drm_plan(*arguments)
-    assert result.exit_code == 2, result.output
-    assert "Traceback" not in result.stderr
-    return " ".join(result.stderr.split())
+_command = TypedCommand("plan")
+succeed, refuse = _command.succeed, _command.refuse
 
 
 def candidate(**values: float) -> drm_env.SlewCandidate:

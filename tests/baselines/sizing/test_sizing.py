@@ -10,30 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
-from typer.testing import CliRunner, Result
 
 import drm_env
-from drm_baselines.cli import app
 from drm_baselines.errors import BaselineError
 from drm_baselines.policies.pilots import law_data
 from drm_baselines.sizing import Missions, check, corners, fewest_missions, fly_needs, requirements
+from typed_command import TypedCommand
 
-
-def drm_size(*arguments: str | Path | float) -> Result:
-    return CliRunner().invoke(app, ["size", *(str(argument) for argument in arguments)])
-
-
-def succeed(*arguments: str | Path | float) -> str:
-    result = drm_size(*arguments)
-    assert result.exit_code == 0, result.output + result.stderr
-    return result.stdout
-
-
-def refuse(*arguments: str | Path | float) -> str:
-    result = drm_size(*arguments)
-    assert result.exit_code == 2, result.output
-    assert "Traceback" not in result.stderr
-    return " ".join(result.stderr.split())
+_command = TypedCommand("size")
+succeed, refuse = _command.succeed, _command.refuse
 
 
 # --- statistics -----------------------------------------------------------------------------------
