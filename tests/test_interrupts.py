@@ -108,7 +108,7 @@ SHORT = {
     "Law": "control_period torque_limits", "Network": "inputs outputs",
     "": "check_memory context_names distribution_names film_signals fine_scales instructions "
     "law_names load load_names measurement_names metric_names option_names_json palette "
-    "panic_after_parts payload_inertias reward_names schema_json signal_names table_2_7 "
+    "panic_after_parts payload_inertias prescribed reward_names schema_json signal_names table_2_7 "
     "task_names Config Env Law Model Network",
 }  # fmt: skip
 ONE_EPISODE = {

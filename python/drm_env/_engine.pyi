@@ -44,6 +44,7 @@ __all__ = [
     "palette",
     "panic_after_parts",
     "payload_inertias",
+    "prescribed",
     "reward_names",
     "rollout",
     "rollout_asked",
@@ -701,6 +702,15 @@ def panic_after_parts(parts: SupportsIndex) -> None:
 def payload_inertias() -> list[str]:
     """
     Names of the moments of inertia of a payload; a context holds the position.
+    """
+
+def prescribed(
+    scenario: str | Config, times: NDArray[float64]
+) -> tuple[float, float, list[float], NDArray[float64]]:
+    """
+    What a manoeuvre prescribes: final time of the slew (s), its largest acceleration (rad/s^2), the
+    instants at which an acceleration changes its formula (s), and for each of the times (s) a row with
+    angle, rate and acceleration of the reference and length, rate and acceleration of the extension.
     """
 
 def reward_names() -> list[str]:

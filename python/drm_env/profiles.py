@@ -1,4 +1,4 @@
-"""The thesis' slew profiles in closed form: final time, acceleration and the motion between.
+"""The thesis' slew profiles, as the engine has them: times, accelerations, and the motion between.
 
 Every profile has a shape p(u) of unit size over u = t / t_f, so that with its integrals P and Q
 
@@ -10,22 +10,16 @@ the other follows (thesis section 3.2.4, equation 3.2.7).
 
 from __future__ import annotations
 
-import math
-from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from drm_env import _engine
+from drm_env._manoeuvres import engine_scenario
 from drm_env.errors import ConfigError
 
 __all__ = ["SlewMotion", "slew_acceleration", "slew_final_time", "slew_motion"]
-
-_LIMITS = {"min_time": 0.25, "min_energy": 0.5}
-"""Smoothing that each profile stays below."""
-
-_STEP = np.polynomial.Polynomial([0.0, 0.0, 3.0, -2.0])
-"""The smooth step of the thesis from 0 to 1."""
 
 
 class SlewMotion(NamedTuple):
@@ -42,48 +36,41 @@ class SlewMotion(NamedTuple):
     angle: NDArray[np.float64]
 
 
-class _Piece(NamedTuple):
-    start: float
-    acceleration: np.polynomial.Polynomial
-    rate: np.polynomial.Polynomial
-    angle: np.polynomial.Polynomial
+class Prescribed(NamedTuple):
+    """What a manoeuvre prescribes.
+
+    Attributes
+    ----------
+    final_time, largest_accel
+        of the slew, s and rad/s^2.
+    switches
+        instants at which an acceleration changes its formula, s.
+    motion
+        a row each of angle, rate and acceleration of the reference and of length, rate and
+        acceleration of the extension; a column a time, after a switch that falls on it.
+    """
+
+    final_time: float
+    largest_accel: float
+    switches: NDArray[np.float64]
+    motion: NDArray[np.float64]
 
 
-def _accelerations(profile: str, phi: float) -> list[tuple[float, np.polynomial.Polynomial]]:
-    """Starts in u of the pieces of p, and p as polynomials of the distance from there."""
-    line = np.polynomial.Polynomial
+def prescribed(scenario: Any, times: ArrayLike = ()) -> Prescribed:
+    """What a manoeuvre prescribes at the given times, s.
 
-    def step(length: float) -> np.polynomial.Polynomial:
-        return _STEP(line([0.0, 1.0 / length]))
-
-    if profile == "min_time":
-        if phi == 0.0:
-            return [(0.0, line([1.0])), (0.5, line([-1.0]))]
-        return [
-            (0.0, step(phi)),
-            (phi, line([1.0])),
-            (0.5 - phi, 1.0 - 2.0 * step(2.0 * phi)),
-            (0.5 + phi, line([-1.0])),
-            (1.0 - phi, step(phi) - 1.0),
-        ]
-    ramp = line([1.0, -2.0 / (1.0 - 2.0 * phi)])
-    if phi == 0.0:
-        return [(0.0, ramp)]
-    return [(0.0, step(phi)), (phi, ramp), (1.0 - phi, step(phi) - 1.0)]
+    Raises
+    ------
+    ConfigError
+        a manoeuvre that there is not.
+    """
+    at = np.ascontiguousarray(times, dtype=np.float64)
+    final, largest, switches, rows = _engine.prescribed(engine_scenario(scenario), at)
+    return Prescribed(final, largest, np.array(switches), rows.T)
 
 
-@lru_cache(maxsize=256)
-def _pieces(profile: str, phi: float) -> tuple[_Piece, ...]:
-    pieces: list[_Piece] = []
-    accelerations = _accelerations(profile, phi)
-    rate, angle = 0.0, 0.0
-    for place, (start, acceleration) in enumerate(accelerations):
-        end = accelerations[place + 1][0] if place + 1 < len(accelerations) else 1.0
-        rates = acceleration.integ(k=rate)
-        angles = rates.integ(k=angle)
-        pieces.append(_Piece(start, acceleration, rates, angles))
-        rate, angle = float(rates(end - start)), float(angles(end - start))
-    return tuple(pieces)
+def _slew(profile: str, smoothing: float, **entries: float) -> dict[str, Any]:
+    return {"slew": {"profile": profile, "smoothing": smoothing, **entries}}
 
 
 def check_profile(profile: str, smoothing: float) -> None:
@@ -94,32 +81,7 @@ def check_profile(profile: str, smoothing: float) -> None:
     ConfigError
         an unknown family, or a smoothing that it does not have.
     """
-    if profile not in _LIMITS:
-        raise ConfigError(f"profile must be one of {', '.join(_LIMITS)}, got {profile!r}")
-    if not 0.0 <= smoothing < _LIMITS[profile]:
-        raise ConfigError(
-            f"smoothing must be at least 0 and below {_LIMITS[profile]} for {profile}, got "
-            f"{smoothing!r}"
-        )
-
-
-def _positive(name: str, value: float) -> float:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigError(f"{name} must be positive and finite, got {value!r}")
-    return float(value)
-
-
-def shape_constant(profile: str, smoothing: float) -> float:
-    """Q(1): the angle of a slew of unit acceleration and unit final time.
-
-    Raises
-    ------
-    ConfigError
-        a profile that there is not.
-    """
-    check_profile(profile, smoothing)
-    last = _pieces(profile, float(smoothing))[-1]
-    return float(last.angle(1.0 - last.start))
+    prescribed(_slew(profile, smoothing))
 
 
 def slew_final_time(
@@ -148,10 +110,8 @@ def slew_final_time(
     >>> f"{drm_env.slew_final_time(math.radians(50.0), 0.02):.3f}"
     '13.211'
     """
-    if not math.isfinite(angle):
-        raise ConfigError(f"angle must be finite, got {angle!r}")
-    constant = shape_constant(profile, smoothing)
-    return math.sqrt(abs(angle) / (_positive("max_accel", max_accel) * constant))
+    slew = _slew(profile, smoothing, angle=angle, max_accel=max_accel)
+    return prescribed(slew).final_time
 
 
 def slew_acceleration(
@@ -179,17 +139,15 @@ def slew_acceleration(
     Examples
     --------
     >>> import drm_env
-    >>> drm_env.slew_acceleration(1.0, 10.0, "min_energy")  # 6 angle / t_f^2
-    0.06
+    >>> f"{drm_env.slew_acceleration(1.0, 10.0, 'min_energy'):.3f}"  # 6 angle / t_f^2
+    '0.060'
     """
-    if not math.isfinite(angle):
-        raise ConfigError(f"angle must be finite, got {angle!r}")
-    constant = shape_constant(profile, smoothing)
-    return abs(angle) / (_positive("final_time", final_time) ** 2 * constant)
+    slew = _slew(profile, smoothing, angle=angle, final_time=final_time)
+    return prescribed(slew).largest_accel
 
 
 def slew_motion(u: ArrayLike, profile: str = "min_time", smoothing: float = 0.0) -> SlewMotion:
-    """A profile at places ``u`` = t / t_f from 0 to 1, of any shape.
+    """A profile at places ``u`` = t / t_f from 0 to 1, of any shape; at 1 the arm is at rest.
 
     Raises
     ------
@@ -206,22 +164,6 @@ def slew_motion(u: ArrayLike, profile: str = "min_time", smoothing: float = 0.0)
     places = np.asarray(u, dtype=np.float64)
     if not bool(((places >= 0.0) & (places <= 1.0)).all()):
         raise ConfigError("u must be from 0 to 1")
-    constant = shape_constant(profile, smoothing)
-    pieces = _pieces(profile, float(smoothing))
-    starts = np.array([piece.start for piece in pieces])
-    which = np.searchsorted(starts, places, side="right") - 1
-    found = [np.zeros(places.shape) for _ in range(3)]
-    for index, piece in enumerate(pieces):
-        here = which == index
-        distance = places[here] - piece.start
-        for values, series in zip(found, piece[1:], strict=True):
-            values[here] = series(distance)
-    return SlewMotion(*(values / constant for values in found))
-
-
-def profile_places(profile: str, smoothing: float, count: int) -> NDArray[np.float64]:
-    """Places u from 0 to 1 on which peaks are looked for: even ones, and both sides of switches."""
-    starts = np.array([piece.start for piece in _pieces(profile, float(smoothing))])
-    before = np.nextafter(starts[1:], 0.0)
-    half = np.array([np.nextafter(0.5, 0.0), 0.5])
-    return np.unique(np.concatenate([np.linspace(0.0, 1.0, count), starts, before, half]))
+    slew = _slew(profile, smoothing, angle=1.0, final_time=1.0)
+    angle, rate, acceleration = prescribed(slew, places.ravel()).motion[:3]
+    return SlewMotion(*(each.reshape(places.shape) for each in (acceleration, rate, angle)))

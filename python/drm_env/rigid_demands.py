@@ -13,13 +13,7 @@ from drm_env.configuration import to_data
 from drm_env.errors import ConfigError
 from drm_env.kinematics import ArmPosition, inverse_kinematics, lengths
 from drm_env.model import Model
-from drm_env.profiles import (
-    check_profile,
-    profile_places,
-    shape_constant,
-    slew_acceleration,
-    slew_motion,
-)
+from drm_env.profiles import prescribed
 from drm_env.resolution import resolve
 from drm_env.slew_limits import LIMITED
 
@@ -30,6 +24,8 @@ __all__ = ["slew_demands"]
 
 _PLACES = 801
 """Even places in time at which peaks are looked for."""
+_BESIDE = 1e-8
+"""How long before a switch it is looked at once more, of the final time."""
 
 
 class Manoeuvre(NamedTuple):
@@ -144,17 +140,23 @@ def _point(name: str, point: Any) -> tuple[float, float]:
 
 def demands_of(job: Manoeuvre, profile: str, smoothing: float) -> dict[str, float]:
     """What the rigid arm needs in a slew of 1 s; see `slew_demands`."""
-    u = profile_places(profile, smoothing, _PLACES)
-    motion = slew_motion(u, profile, smoothing)
-    accel, rate = job.angle * motion.acceleration, job.angle * motion.rate
-    travel, first = job.travel, u < 0.5
-    extension = np.where(
-        first,
-        job.start.extension + 2.0 * travel * u**2,
-        job.goal.extension - 2.0 * travel * (1.0 - u) ** 2,
-    )
-    speed = 4.0 * travel * np.where(first, u, 1.0 - u)
-    push = np.where(first, 4.0 * travel, -4.0 * travel)
+    start, goal = job.start.extension, job.goal.extension
+    deployment: dict[str, Any] = {"mode": "none", "start": start}
+    if start != goal:
+        deployment = {"mode": "coincident", "start": start, "end": goal}
+    planned = {
+        "arm": job.scenario["arm"],
+        "slew": {
+            "angle": job.angle, "final_time": 1.0, "profile": profile, "smoothing": smoothing,
+        },
+        "deployment": deployment,
+    }  # fmt: skip
+    switches = prescribed(planned).switches
+    # both sides of each switch, further off than what counts as on it
+    around = np.concatenate([switches - _BESIDE, switches])
+    places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _PLACES), around]).clip(0.0, 1.0))
+    motion = prescribed(planned, places)
+    _, rate, accel, extension, speed, push = motion.motion
     slopes = [np.polyder(inertia) for inertia in job.inertias]
     torques, momenta = [], []
     for inertia, slope in zip(job.inertias, slopes, strict=True):
@@ -170,7 +172,7 @@ def demands_of(job: Manoeuvre, profile: str, smoothing: float) -> dict[str, floa
         return float(max(np.abs(values).max() for values in arrays))
 
     return {
-        "acceleration": abs(job.angle) / shape_constant(profile, smoothing),
+        "acceleration": motion.largest_accel,
         "motor_torque": largest(torques[:-1]),
         # the joint transmits what the motor gives, and the shoulder has no hub
         "root_bending_moment": largest(torques[:-1]),
@@ -223,13 +225,10 @@ def slew_demands(
     >>> f"{needed['root_wheel_momentum']:.0f} N m s"  # thesis' Payload 3, reported 15 % too large
     '1556 N m s'
     """
-    check_profile(profile, smoothing)
-    slew_acceleration(1.0, final_time)  # refuses the time
+    if not (math.isfinite(final_time) and final_time > 0.0):
+        raise ConfigError(f"final_time must be positive and finite, got {final_time!r}")
     job = manoeuvre_of(scenario, start, goal, mass_error)
     return {
         name: value / final_time ** LIMITED[name].power
         for name, value in demands_of(job, profile, smoothing).items()
     }
-
-
-# --- flights -----------------------------------------------------------------------------------

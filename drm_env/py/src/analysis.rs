@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use drm_env::Model as Engine;
 use drm_env::analysis::linearization::{INPUT_NAMES, OUTPUT_NAMES};
+use drm_env::analysis::prescribed::Prescribed;
 use drm_env::analysis::transitions::Transitions;
 use drm_env::arm::{PayloadInertia, PayloadProperties};
 use drm_env::config::{ValidConfig, law_from_json};
@@ -444,6 +445,28 @@ pub(crate) fn transitions<'py>(
     ];
     let arrays = arrays.map(|values| Out1::vector(py, values));
     Ok((found.size, found.intervals, arrays.into()))
+}
+
+/// What a manoeuvre prescribes: final time of the slew (s), its largest acceleration (rad/s^2), the
+/// instants at which an acceleration changes its formula (s), and for each of the times (s) a row with
+/// angle, rate and acceleration of the reference and length, rate and acceleration of the extension.
+#[pyfunction]
+#[allow(clippy::type_complexity)]
+pub(crate) fn prescribed<'py>(
+    py: Python<'py>,
+    scenario: Manoeuvre,
+    times: In1<f64>,
+) -> Outcome<(f64, f64, Vec<f64>, Out2<'py, f64>)> {
+    let times = times.slice();
+    let found = detached(py, || {
+        Ok::<_, Error>(Prescribed::of(scenario.scenario(None)?, times)?)
+    })?;
+    Ok((
+        found.final_time,
+        found.largest_accel,
+        found.switches,
+        Out2::matrix(py, found.motion),
+    ))
 }
 
 /// The manoeuvres that environments fly in the first episode of each seed, as a JSON list.

@@ -3,6 +3,7 @@
 pub mod linearization;
 pub mod modal;
 pub mod model;
+pub mod prescribed;
 pub mod transitions;
 
 pub use model::Model;

@@ -309,6 +309,25 @@ impl AnyPlant<f64> {
         }
     }
 
+    /// What is said of a motion: of slew angle and links' coordinates with their rates, or of the consistent
+    /// plant's state; nothing of a motion of the other plant.
+    fn say<R>(
+        &self,
+        motion: &Motion<f64>,
+        thesis: impl FnOnce([f64; 3], [f64; 3]) -> R,
+        consistent: impl FnOnce(&ConsistentPlant, &ConsistentState<f64>) -> R,
+    ) -> Option<R> {
+        match (self, motion) {
+            (Self::Thesis(_), Motion::Thesis([theta, alpha, beta, rates @ ..])) => {
+                Some(thesis([*theta, *alpha, *beta], *rates))
+            }
+            (Self::Consistent(body), Motion::Consistent(seen)) => {
+                Some(consistent(&body.plants[0], &seen.state))
+            }
+            _ => None,
+        }
+    }
+
     /// Kinetic and potential energy, J.
     pub fn energy(
         &self,
@@ -317,30 +336,18 @@ impl AnyPlant<f64> {
         scenario: &Scenario,
         payload: &PayloadProperties,
     ) -> Energy {
-        match (self, motion) {
-            (Self::Thesis(_), Motion::Thesis(motion)) => {
-                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *motion;
-                energy(
-                    &scenario.arm,
-                    payload,
-                    &scenario.dynamics,
-                    extension,
-                    [theta, alpha, beta],
-                    [theta_rate, alpha_rate, beta_rate],
-                )
-            }
-            (Self::Consistent(body), Motion::Consistent(seen)) => {
-                body.plants[0].energy(&seen.state, extension)
-            }
-            _ => Energy {
-                kinetic: f64::NAN,
-                potential: f64::NAN,
-            },
-        }
+        let Scenario { arm, dynamics, .. } = scenario;
+        let found = self.say(
+            motion,
+            |q, rates| energy(arm, payload, dynamics, extension, q, rates),
+            |plant, state| plant.energy(state, extension),
+        );
+        found.unwrap_or(Energy {
+            kinetic: f64::NAN,
+            potential: f64::NAN,
+        })
     }
-}
 
-impl AnyPlant<f64> {
     /// Angular momentum of arm and payload about the shoulder, N m s.
     pub fn arm_momentum(
         &self,
@@ -349,23 +356,13 @@ impl AnyPlant<f64> {
         scenario: &Scenario,
         payload: &PayloadProperties,
     ) -> f64 {
-        match (self, motion) {
-            (Self::Thesis(_), Motion::Thesis(motion)) => {
-                let [theta, alpha, beta, theta_rate, alpha_rate, beta_rate] = *motion;
-                angular_momentum(
-                    &scenario.arm,
-                    payload,
-                    &scenario.dynamics,
-                    extension,
-                    [theta, alpha, beta],
-                    [theta_rate, alpha_rate, beta_rate],
-                )
-            }
-            (Self::Consistent(body), Motion::Consistent(seen)) => {
-                body.plants[0].angular_momentum(&seen.state, extension)
-            }
-            _ => f64::NAN,
-        }
+        let Scenario { arm, dynamics, .. } = scenario;
+        let found = self.say(
+            motion,
+            |q, rates| angular_momentum(arm, payload, dynamics, extension, q, rates),
+            |plant, state| plant.angular_momentum(state, extension),
+        );
+        found.unwrap_or(f64::NAN)
     }
 }
 

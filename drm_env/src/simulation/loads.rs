@@ -281,3 +281,30 @@ impl LoadSums {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_missions_move_is_where_it_is_named() {
+        let named = [
+            BASE_FORCE_X,
+            BASE_FORCE_X + 1,
+            TIP_X,
+            TIP_X + 1,
+            MOTOR_ENERGY,
+        ];
+        let names = named.map(|i| LOAD_NAMES[i]);
+        assert_eq!(
+            names,
+            [
+                "base_force_x",
+                "base_force_y",
+                "tip_x",
+                "tip_y",
+                "motor_energy"
+            ]
+        );
+    }
+}
