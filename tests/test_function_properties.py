@@ -209,6 +209,13 @@ def test_models_have_symmetric_masses_positive_energies_and_rising_frequencies(
     np.testing.assert_allclose(
         linear.A[count:, :count], -np.linalg.solve(matrices.M, matrices.K), rtol=1e-6, atol=1e-3
     )
+    spatial = drm_env.Model(
+        payload={"mass": mass}, plant="spatial", elements=12, grapple={"centre": state[:3]}
+    )
+    modes = spatial.spatial_modes(extension, 4)
+    assert (modes.frequencies > 0.0).all() and (np.diff(modes.frequencies) >= 0.0).all()
+    np.testing.assert_allclose(modes.shares.sum(axis=1), 1.0)
+    assert spatial.mode_kinds(extension, 4) == modes.kinds
     if plant == "thesis":
         q, v = state[:3], state[3:]
         energy = model.energy(q, v, extension)

@@ -180,3 +180,51 @@ def test_impossible_extensions_are_refused(plant: str, extension: float) -> None
         model.natural_frequencies(extension)
     with pytest.raises(drm_env.ConfigError, match="extension"):
         model.mode_shapes(extension)
+
+
+def test_a_payload_out_of_the_plane_mixes_bending_with_torsion() -> None:
+    """On the axis each kind of motion is by itself, and each mode says what it is."""
+    on_axis = drm_env.Model(plant="spatial").spatial_modes(8.0, 6)
+    assert set(on_axis.kinds) == {"in-plane bending", "out-of-plane bending", "torsion"}
+    np.testing.assert_allclose(on_axis.shares.max(axis=1), 1.0, atol=1e-9)
+    plane = drm_env.Model(plant="finite_element").natural_frequencies(8.0, 2)
+    in_plane = [k for k, kind in enumerate(on_axis.kinds) if kind == "in-plane bending"]
+    np.testing.assert_allclose(on_axis.frequencies[in_plane][:2], plane, rtol=1e-6)
+
+    held = drm_env.Model(plant="spatial", grapple={"centre": [0.5, 0.0, 0.2]})
+    mixed = held.spatial_modes(8.0, 6)
+    torsion = mixed.kinds.index("torsion")
+    assert 0.01 < mixed.shares[torsion, 0] < 0.5
+    assert mixed.shares[torsion, 1] < 1e-12
+    assert held.mode_kinds(8.0, 6) == mixed.kinds
+    np.testing.assert_array_equal(held.natural_frequencies(8.0, 6), mixed.frequencies)
+    assert mixed.in_plane.shape == mixed.out_of_plane.shape == mixed.twist.shape == (6, 201)
+    shapes = np.abs([mixed.in_plane, mixed.out_of_plane, mixed.twist])
+    np.testing.assert_allclose(shapes.max(axis=(0, 2)), 1.0)
+    assert (mixed.out_of_plane[:, 0] == 0.0).all() and (mixed.twist[:, 0] == 0.0).all()
+
+
+def test_plane_models_have_bending_in_the_plane_alone() -> None:
+    for plant in PLANTS:
+        model = drm_env.Model(plant=plant)
+        assert model.mode_kinds(4.0, 2) == ("in-plane bending",) * 2
+        with pytest.raises(drm_env.ConfigError, match="spatial"):
+            model.spatial_modes(4.0)
+        with pytest.raises(drm_env.ConfigError, match=rf"grapple.*{plant}"):
+            drm_env.Model(plant=plant, grapple={"centre": [0.5, 0.0, 0.2]})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"grapple": {"centre": [0.5, 0.0]}}, "centre"),
+        ({"grapple": {"center": [0.5, 0.0, 0.2]}}, "center"),
+        ({"grapple": {"inertia": [-1.0, 1.0, 1.0, 0.0, 0.0, 0.0]}}, "grapple.inertia"),
+        ({"torsional_stiffness": (1e6, 0.0)}, r"torsional_stiffness\[1\]"),
+        ({"elements": 81}, r"elements.*3 to 80.*81"),
+        ({"modes": (2, 2)}, r"modes.*spatial"),
+    ],
+)
+def test_impossible_payloads_in_space_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(drm_env.ConfigError, match=message):
+        drm_env.Model(plant="spatial", **options)

@@ -102,6 +102,7 @@ COVERED: dict[str, str] = {
     "Model": MODELS, "Model.matrices": MODELS, "Model.acceleration": MODELS,
     "Model.energy": MODELS, "Model.angular_momentum": MODELS,
     "Model.natural_frequencies": MODELS, "Model.mode_shapes": MODELS, "Model.linearize": MODELS,
+    "Model.spatial_modes": MODELS, "Model.mode_kinds": MODELS,
     "Network": NETWORKS,
     "ResolvedConfig": FORMS, "ResolvedConfig.from_json": FORMS, "ResolvedConfig.to_json": FORMS,
     "ResolvedConfig.to_dict": FORMS,

@@ -534,6 +534,19 @@ class Model:
         """
         Elastic angular frequencies, rising, rad/s.
         """
+    def spatial_modes(
+        self, /, length: SupportsFloat | SupportsIndex, count: SupportsIndex | None
+    ) -> tuple[
+        NDArray[float64],
+        list[str],
+        NDArray[float64],
+        NDArray[float64],
+        tuple[NDArray[float64], NDArray[float64], NDArray[float64]],
+    ]:
+        """
+        Angular frequencies, kinds, energy shares of bending in the plane, out of it and torsion,
+        positions, and displacements in the plane, out of it and twists, a mode a row.
+        """
 
 @final
 class Network:

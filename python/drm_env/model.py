@@ -14,7 +14,7 @@ from drm_env._exports import needed
 from drm_env.configuration import to_data
 from drm_env.errors import ConfigError
 
-__all__ = ["Energy", "Linearization", "Matrices", "ModeShapes", "Model"]
+__all__ = ["Energy", "Linearization", "Matrices", "ModeShapes", "Model", "SpatialModes"]
 
 
 class Matrices(NamedTuple):
@@ -138,6 +138,37 @@ class ModeShapes(NamedTuple):
     frequencies: NDArray[np.float64]
 
 
+class SpatialModes(NamedTuple):
+    """Natural vibrations in three dimensions, k modes at p places.
+
+    Attributes
+    ----------
+    frequencies
+        natural frequencies, rising, Hz, shape (k,).
+    kinds
+        what each mode mostly is: "in-plane bending", "out-of-plane bending" or "torsion".
+    shares
+        parts of the elastic energy in these three, shape (k, 3). A payload off the arm's axis mixes
+        them.
+    positions
+        distances from the shoulder along the undeformed arm, from 0 to the tip, m, shape (p,).
+    in_plane, out_of_plane
+        displacements along y, where a positive slew goes, and along z, the shoulder's axis, m,
+        shape (k, p). The rotation that keeps the angular momentum zero is part of the first.
+    twist
+        rotation about the arm's axis, rad, shape (k, p). Of a mode the largest magnitude of all
+        three is 1.
+    """
+
+    frequencies: NDArray[np.float64]
+    kinds: tuple[str, ...]
+    shares: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    in_plane: NDArray[np.float64]
+    out_of_plane: NDArray[np.float64]
+    twist: NDArray[np.float64]
+
+
 class Model:
     """The arm with one payload.
 
@@ -160,6 +191,9 @@ class Model:
         - ``"finite_element"``: Euler-Bernoulli beam finite elements of the whole arm.
         - ``"exact_rigid_link1"``: roots of the exact characteristic equation of the arm with a
           rigid link 1.
+        - ``"spatial"``: finite elements in three dimensions: bending in the plane and out of it,
+          torsion, and a payload held anywhere (thesis sections 2.8.2 and 6.3, appendix E). It has
+          natural frequencies and `spatial_modes`.
     dynamics
         switches of the equations of motion as in a scenario.
     modes
@@ -171,7 +205,17 @@ class Model:
         ``"mono"``, powers from the second on; by default ``"b8"`` for ``"thesis"`` and ``"mono"``
         for ``"consistent"``.
     elements
-        number of finite elements, 3 to 200, by default 60.
+        number of finite elements, 3 to 200 (``"spatial"``: to 80), by default 60.
+    grapple
+        how the arm of ``"spatial"`` holds its payload, in axes of which x points along the arm, y
+        where a positive slew goes and z along the shoulder's axis: ``centre``, its centre of mass
+        from the tip (three numbers, m; by default half its length along x and its ``offset`` along
+        y); ``inertia`` about the centre of mass, the entries xx, yy, zz, xy, xz, yz of the tensor
+        (kg m^2; by default of a box as wide as high); ``rotation`` of the payload about its centre
+        of mass, axis times angle (rad).
+    torsional_stiffness
+        G J of link 1 and link 2 of ``"spatial"``, N m^2; by default those of the thesis' tubes
+        (table 2-12), in the proportion of the bending stiffness to the thesis'.
 
     Lengths are those of link 2 outside link 1 (the extension), m; q = (slew angle, alpha, beta) in
     rad, m, m, where alpha and beta are half the tip deflections of the links.
@@ -204,6 +248,8 @@ class Model:
         modes: Sequence[int] | None = None,
         shapes: str | None = None,
         elements: int | None = None,
+        grapple: Mapping[str, Any] | None = None,
+        torsional_stiffness: Sequence[float] | None = None,
     ) -> None:
         """Makes the model; see the class for the arguments."""
         parts = {
@@ -214,9 +260,12 @@ class Model:
             "modes": modes,
             "shapes": shapes,
             "elements": elements,
+            "grapple": grapple,
+            "torsional_stiffness": torsional_stiffness,
         }
         given = {name: part for name, part in parts.items() if part is not None}
         self._model = _engine.Model(json.dumps(to_data(given)))
+        self._plane = plant != "spatial"
 
     def matrices(
         self, extension: float, rate: float = 0.0, accel: float = 0.0, slew_rate: float = 0.0
@@ -296,6 +345,41 @@ class Model:
         """Shapes of the natural vibrations; arguments as for `natural_frequencies`."""
         positions, displacements, angular = self._model.mode_shapes(extension, _count(count))
         return ModeShapes(positions, displacements, angular / (2.0 * np.pi))
+
+    def spatial_modes(self, extension: float, count: int | None = None) -> SpatialModes:
+        """Natural vibrations of plant ``"spatial"``; arguments as for `natural_frequencies`.
+
+        Raises
+        ------
+        ConfigError
+            another plant.
+
+        Examples
+        --------
+        >>> import drm_env
+        >>> held = {"centre": [0.5, 0.0, 0.2]}  # 20 cm out of the plane
+        >>> arm = drm_env.Model({"mass": 200.0}, plant="spatial", grapple=held)
+        >>> for frequency, kind in zip(*arm.spatial_modes(8.0, 3)[:2]):
+        ...     print(f"{frequency:.2f} Hz {kind}")
+        0.48 Hz out-of-plane bending
+        3.40 Hz in-plane bending
+        5.35 Hz out-of-plane bending
+        """
+        angular, kinds, shares, positions, shapes = self._model.spatial_modes(
+            extension, _count(count)
+        )
+        frequencies = angular / (2.0 * np.pi)
+        return SpatialModes(frequencies, tuple(kinds), shares, positions, *shapes)
+
+    def mode_kinds(self, extension: float, count: int | None = None) -> tuple[str, ...]:
+        """What the modes of `natural_frequencies` are, in their order.
+
+        "in-plane bending" all of them, but for plant ``"spatial"``, which also has "out-of-plane
+        bending" and "torsion".
+        """
+        if self._plane:
+            return ("in-plane bending",) * len(self.natural_frequencies(extension, count))
+        return self.spatial_modes(extension, count).kinds
 
     def linearize(
         self, extension: float, rate: float = 0.0, accel: float = 0.0, slew_rate: float = 0.0

@@ -12,7 +12,7 @@ with needing("a picture", "plot"):
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MARKERS = "os^D"  # one a plant, beside its colour
+_MARKERS = "os^Dv"  # one a plant, beside its colour
 
 
 def plot_natural_frequencies(

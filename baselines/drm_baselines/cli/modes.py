@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +19,11 @@ from drm_baselines.support.interruption import leaving_at_once
 if TYPE_CHECKING:
     from rich.table import Table
 
-PLANTS = ("thesis", "consistent", "finite_element", "exact_rigid_link1")
+PLANTS = ("thesis", "consistent", "finite_element", "exact_rigid_link1", "spatial")
+PLANE = PLANTS[:-1]
+"""Those that are shown unless others are asked for."""
+MARKS = {"in-plane bending": "", "out-of-plane bending": "o", "torsion": "t"}
+"""What stands behind a frequency in the table."""
 
 
 @guarded
@@ -25,7 +31,8 @@ def modes(
     plant: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"Model of the bending: {', '.join(PLANTS)}. May be repeated; all by default.",
+            help=f"Model of the bending: {', '.join(PLANTS)}. May be repeated; all but "
+            "spatial by default.",
             show_default=False,
         ),
     ] = None,
@@ -87,6 +94,41 @@ def modes(
         int | None,
         typer.Option(help="Number of finite elements; 60 by default.", show_default=False),
     ] = None,
+    centre: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            "--payload-centre",
+            help="Centre of mass of the payload from the tip, m: along the arm, across it in the "
+            "plane of the slew, out of the plane. Of plant spatial.",
+            show_default=False,
+        ),
+    ] = None,
+    tensor: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            "--payload-tensor",
+            help="Entries xx yy zz xy xz yz of the payload's tensor of inertia about its centre "
+            "of mass, kg m^2. Of plant spatial; a box as wide as high by default.",
+            show_default=False,
+        ),
+    ] = None,
+    rotation_deg: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            "--payload-rotation-deg",
+            help="Rotation of the payload about its centre of mass, axis times angle in degrees. "
+            "Of plant spatial.",
+            show_default=False,
+        ),
+    ] = None,
+    torsional: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--torsional-stiffness",
+            help="G J of link 1 and link 2, N m^2. Of plant spatial; the thesis' tubes by default.",
+            show_default=False,
+        ),
+    ] = None,
     count: Annotated[
         int,
         typer.Option(min=1, help="Number of frequencies, where a plant has so many."),
@@ -106,7 +148,7 @@ def modes(
         import drm_env
         from drm_baselines.support import storage
 
-    names = tuple(dict.fromkeys(plant or PLANTS))
+    names = tuple(dict.fromkeys(plant or PLANE))
     unknown = [name for name in names if name not in PLANTS]
     if unknown:
         raise BaselineError(f"--plant must be one of {', '.join(PLANTS)}, got {unknown[0]}")
@@ -117,8 +159,16 @@ def modes(
         for name, value in assumed_options.items():
             if value is not None:
                 raise BaselineError(f"--{name} is for the plants thesis and consistent")
-    if elements is not None and "finite_element" not in names:
-        raise BaselineError("--elements is for the plant finite_element")
+    if elements is not None and not {"finite_element", "spatial"} & set(names):
+        raise BaselineError("--elements is for the plants finite_element and spatial")
+    turn = None if rotation_deg is None else [math.radians(angle) for angle in rotation_deg]
+    held = {"centre": centre, "inertia": tensor, "rotation": turn}
+    grapple = {name: value for name, value in held.items() if value is not None}
+    if "spatial" not in names and (grapple or torsional is not None):
+        raise BaselineError(
+            "--payload-centre, --payload-tensor, --payload-rotation-deg and --torsional-stiffness "
+            "are for the plant spatial"
+        )
     if plot is not None:
         require("a picture of the frequencies", "plot")
         storage.claim_file(plot, force=force)
@@ -131,6 +181,9 @@ def modes(
             options |= assumed_options
         elif name == "finite_element":
             options["elements"] = elements
+        elif name == "spatial":
+            options |= {"elements": elements, "torsional_stiffness": torsional}
+            options["grapple"] = grapple or None
         models[name] = drm_env.Model(payload, **options)
     found: dict[str, list[list[float]]] = {}
     for name, model in models.items():
@@ -138,18 +191,25 @@ def modes(
         found[name] = [
             [float(f) for f in model.natural_frequencies(a, wanted)[:count]] for a in places
         ]
+    kinds = {
+        name: [model.mode_kinds(a, count) for a in places]
+        for name, model in models.items()
+        if name == "spatial"
+    }
     if as_json:
         say_json(
             {
                 "payload": payload,
                 **({} if links is None else {"arm": links}),
+                **({"grapple": grapple} if grapple else {}),
+                **({"kinds": kinds} if kinds else {}),
                 "extensions": places,
                 "units": "SI, frequencies in Hz",
                 "natural_frequencies": found,
             }
         )
     else:
-        show(_table(places, found, _title(payload)))
+        show(_table(places, found, kinds, _title(payload)))
     if plot is not None:
         from drm_baselines.cli.frequency_plot import plot_natural_frequencies
 
@@ -174,15 +234,33 @@ def _title(payload: dict[str, Any]) -> str:
     return f"natural frequencies (Hz), payload of {payload['mass']:g} kg"
 
 
-def _table(places: list[float], found: dict[str, list[list[float]]], title: str) -> Table:
+def _table(
+    places: list[float],
+    found: dict[str, list[list[float]]],
+    kinds: dict[str, list[tuple[str, ...]]],
+    title: str,
+) -> Table:
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", header_style="bold")
+    words = ", ".join(f"{mark}: {kind}" for kind, mark in MARKS.items() if mark)
+    caption = f"{words}; all others: in-plane bending" if kinds else None
+    table = Table(
+        title=title,
+        title_justify="left",
+        header_style="bold",
+        caption=caption,
+        caption_justify="left",
+    )
     table.add_column("extension\n(m)", justify="right")
     for name in found:
         table.add_column(name, justify="right", no_wrap=True)
     width = max(len(f"{f:.3f}") for rows in found.values() for row in rows for f in row)
     for index, a in enumerate(places):
-        cells = ("  ".join(f"{f:{width}.3f}" for f in rows[index]) for rows in found.values())
+        cells = []
+        for name, rows in found.items():
+            marks = [MARKS[kind] for kind in kinds[name][index]] if name in kinds else [""]
+            columns = itertools.zip_longest(rows[index], marks, fillvalue="")
+            gap = 1 if name in kinds else 0
+            cells.append("  ".join(f"{f:{width}.3f}{mark:<{gap}}" for f, mark in columns))
         table.add_row(f"{a:.4g}", *cells)
     return table

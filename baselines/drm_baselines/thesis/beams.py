@@ -144,6 +144,11 @@ def stepped_beam(
     return np.sqrt(squares[1:]) / (2.0 * math.pi), float(rotation @ mass @ rotation)
 
 
+def torsional_stiffness(outer: float, inner: float, shear: float) -> float:
+    """Return G J (N m^2) of a tube: diameters in m, shear modulus in Pa."""
+    return shear * math.pi * (outer**4 - inner**4) / 32.0
+
+
 def shaft(parts: Sequence[tuple[float, float, float, float]], inertia: float) -> float:
     """Return the torsional frequency (Hz) of a shaft without mass, fixed at one end.
 
@@ -155,7 +160,6 @@ def shaft(parts: Sequence[tuple[float, float, float, float]], inertia: float) ->
         At the free end, kg m^2.
     """
     flexibility = sum(
-        length / (shear * math.pi * (outer**4 - inner**4) / 32.0)
-        for length, outer, inner, shear in parts
+        length / torsional_stiffness(outer, inner, shear) for length, outer, inner, shear in parts
     )
     return math.sqrt(1.0 / (inertia * flexibility)) / (2.0 * math.pi)

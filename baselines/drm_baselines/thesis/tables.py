@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import re
@@ -14,6 +15,7 @@ from drm_baselines.thesis import arm, beams, characteristic
 from drm_baselines.thesis.manoeuvres import Manoeuvre, slew_end
 from drm_baselines.thesis.published import Group, Table, tables
 from drm_baselines.thesis.results import Entry, Outcome, Row, ours_only
+from drm_env.model import SpatialModes
 
 _Value = Callable[[str, str], float]
 """Our value of (group, key)."""
@@ -23,6 +25,10 @@ _FUNCTIONS = {"B7": 7, "B8": 8, "B9": 9}
 
 SHEAR_LINK1, SHEAR_LINK2, SHEAR_OVERLAP = 30.4e9, 50.4e9, 33.5e9
 """Shear moduli of the finite-element model of appendix E, Pa."""
+EI_LINK1, EI_LINK2 = 2.135e6, 2.537e6
+"""Bending stiffnesses that follow from its tubes, N m^2."""
+_TUBE_LINK1, _TUBE_LINK2 = (0.20, 0.18, SHEAR_LINK1), (0.18, 0.16, SHEAR_LINK2)
+"""Outer and inner diameter (m) and shear modulus (Pa) of its links."""
 
 
 def label(key: str) -> str:
@@ -117,17 +123,50 @@ def appendix_e(case: int) -> tuple[list[float], float]:
     """Return frequencies (Hz) and rigid inertia (kg m^2) of the recovered model of appendix E.
 
     Cases 1 and 2 carry Payload 0 at what the appendix calls 6 and 8 m, 3 and 4 Payload 1. Cases 5
-    and 7 are 2 and 4 with the payload off centre, which is left out; in case 7 it is turned, too.
+    and 7 are 2 and 4 with the payload off centre (`appendix_e_off_centre`), in the plane alone.
     """
+    if case in (5, 7):
+        modes = appendix_e_off_centre(case)
+        bending = [k for k, kind in enumerate(modes.kinds) if kind == "in-plane bending"]
+        return [float(f) for f in modes.frequencies[bending[:4]]], math.nan
     link1, link2 = arm.LINK1.mass_per_length, arm.LINK2.mass_per_length
     if case in (1, 3):
-        segments = [(3.0, link1, 2.135e6), (4.0, 46.92, 4.039e6), (4.0, link2, 2.537e6)]
+        segments = [(3.0, link1, EI_LINK1), (4.0, 46.92, 4.039e6), (4.0, link2, EI_LINK2)]
     else:
-        segments = [(7.0, link1, 2.135e6), (8.0, link2, 2.537e6)]
-    mass, length, width = arm.PAYLOADS["P0" if case in (1, 2, 5) else "P1"]
-    across = width if case == 7 else length
-    found, inertia = beams.stepped_beam(segments, (mass, mass * across**2 / 3.0, 0.5))
+        segments = [(7.0, link1, EI_LINK1), (8.0, link2, EI_LINK2)]
+    mass, length, _ = arm.PAYLOADS["P0" if case <= 2 else "P1"]
+    found, inertia = beams.stepped_beam(segments, (mass, mass * length**2 / 3.0, 0.5))
     return [float(value) for value in found[:4]], inertia
+
+
+@functools.cache
+def appendix_e_off_centre(case: int) -> SpatialModes:
+    """Return the modes in three dimensions of the recovered model, cases 5 and 7 of appendix E.
+
+    Payload 0 has its centre 0.2 m out of the plane. Payload 1 is turned, its long side out of the
+    plane, and has its centre a fifth of its width off in the plane. Moments of inertia are formed
+    as for the payloads on the axis: M l^2 / 3, M w^2 / 3 across and M w^2 / 6 along a side.
+    """
+    mass, length, width = arm.PAYLOADS["P0" if case == 5 else "P1"]
+    if case == 5:
+        centre = [0.5, 0.0, -0.2]
+        inertia = [mass * width**2 / 6.0, mass * length**2 / 3.0, mass * length**2 / 3.0]
+    else:
+        centre = [0.5, -0.2 * width, 0.0]
+        inertia = [mass * length**2 / 3.0, mass * width**2 / 6.0, mass * width**2 / 3.0]
+    model = drm_env.Model(
+        {"mass": mass, "length": length, "width": width},
+        arm={
+            "link1": dataclasses.replace(arm.LINK1, bending_stiffness=EI_LINK1),
+            "link2": dataclasses.replace(arm.LINK2, bending_stiffness=EI_LINK2),
+        },
+        plant="spatial",
+        grapple={"centre": centre, "inertia": [*inertia, 0.0, 0.0, 0.0]},
+        torsional_stiffness=[
+            beams.torsional_stiffness(*tube) for tube in (_TUBE_LINK1, _TUBE_LINK2)
+        ],
+    )
+    return model.spatial_modes(8.0, 12)
 
 
 def _table_2_11(group: str, key: str) -> float:
@@ -147,7 +186,7 @@ def _table_2_12(_: str, key: str) -> float:
         "a=8 rotated and offset": mass * length**2 / 3.0,
         "a=8 offset": neutral + mass * 0.2**2,
     }
-    link1, link2 = (0.20, 0.18, SHEAR_LINK1), (0.18, 0.16, SHEAR_LINK2)
+    link1, link2 = _TUBE_LINK1, _TUBE_LINK2
     if key == "a=6":
         parts = [(3.0, *link1), (4.0, 0.20, 0.16, SHEAR_OVERLAP), (4.0, *link2)]
     else:

@@ -141,6 +141,39 @@ impl Model {
         Ok(Out1::vector(py, found))
     }
 
+    /// Angular frequencies, kinds, energy shares of bending in the plane, out of it and torsion,
+    /// positions, and displacements in the plane, out of it and twists, a mode a row.
+    #[allow(clippy::type_complexity)]
+    #[pyo3(signature = (length, count))]
+    fn spatial_modes<'py>(
+        &self,
+        py: Python<'py>,
+        length: f64,
+        count: Option<usize>,
+    ) -> Outcome<(
+        Out1<'py, f64>,
+        Vec<&'static str>,
+        Out2<'py, f64>,
+        Out1<'py, f64>,
+        (Out2<'py, f64>, Out2<'py, f64>, Out2<'py, f64>),
+    )> {
+        let found = detached(py, || self.0.spatial_modes(length, count))?;
+        let shape = (found.shapes.len(), found.positions.len());
+        let part = |i: usize| {
+            let rows = found.shapes.iter().flat_map(|shape| &shape[i]);
+            Out2::new(py, shape, rows.copied().collect())
+        };
+        let shapes = (part(0), part(1), part(2));
+        let kinds = found.kinds();
+        Ok((
+            Out1::vector(py, found.frequencies),
+            kinds,
+            Out2::matrix(py, found.shares),
+            Out1::vector(py, found.positions),
+            shapes,
+        ))
+    }
+
     /// Distances from the shoulder, displacements (a mode a row), angular frequencies (rad/s).
     #[allow(clippy::type_complexity)]
     #[pyo3(signature = (length, count))]

@@ -2,18 +2,19 @@
 //! of the plants that are flown (from the same code that steps), accelerations and energies of the
 //! thesis' one, natural frequencies and mode shapes of these and of better models.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::linearization::{self, Equations, Linearization};
+use crate::analysis::modal::spatial::Body;
 use crate::analysis::modal::{
-    AssumedArm, FiniteElementBeam, Kinematics, ModeShapes, SegmentedBeam, UniformBeam, exact,
-    finite_element,
+    AssumedArm, FiniteElementBeam, Kinematics, ModeShapes, SegmentedBeam, SpatialBeam,
+    SpatialModes, UniformBeam, exact, finite_element, spatial,
 };
 use crate::arm::mode_shape::{MAX_SHAPES, ShapeFamily};
-use crate::arm::{Arm, Payload, PayloadProperties};
-use crate::check::finite;
+use crate::arm::{Arm, Payload, PayloadInertia, PayloadProperties};
+use crate::check::{finite, positive};
 use crate::error::ConfigError;
 use crate::plant::consistent::{self, CAPACITY, ConsistentPlant};
 use crate::plant::energy::{Energy, angular_momentum, energy};
@@ -35,6 +36,9 @@ pub enum ModelPlant {
     FiniteElement,
     /// The exact characteristic equation of the arm with rigid link 1.
     ExactRigidLink1,
+    /// Finite elements of the whole arm in three dimensions: bending in the plane and out of it, torsion,
+    /// and a payload anywhere at the tip.
+    Spatial,
 }
 
 impl ModelPlant {
@@ -45,11 +49,21 @@ impl ModelPlant {
             Self::Consistent => "consistent",
             Self::FiniteElement => "finite_element",
             Self::ExactRigidLink1 => "exact_rigid_link1",
+            Self::Spatial => "spatial",
         }
     }
 
     fn assumes_modes(self) -> bool {
         matches!(self, Self::Thesis | Self::Consistent)
+    }
+
+    /// Most finite elements, for plants that have them.
+    fn most_elements(self) -> Option<usize> {
+        match self {
+            Self::FiniteElement => Some(finite_element::MAX_ELEMENTS),
+            Self::Spatial => Some(spatial::MAX_ELEMENTS),
+            _ => None,
+        }
     }
 }
 
@@ -85,6 +99,78 @@ pub struct ModelSpec {
     pub shapes: Option<ShapeFamily>,
     /// Number of finite elements; null means 60.
     pub elements: Option<usize>,
+    /// How the arm of plant spatial holds its payload.
+    pub grapple: Option<Grapple>,
+    /// Torsional stiffness G J of link 1 and link 2 of plant spatial, N m^2; null means that of the
+    /// thesis' tubes, in the proportion of the bending stiffness to the thesis'.
+    pub torsional_stiffness: Option<[f64; 2]>,
+}
+
+/// How a payload is held at the tip, in axes of which x points along the arm, y to where a positive slew
+/// goes and z along the shoulder's axis.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Grapple {
+    /// Centre of mass from the tip, m; null means half the payload's length along x and its offset
+    /// along y.
+    pub centre: Option<[f64; 3]>,
+    /// Moments and products of inertia about the centre of mass before it is rotated, kg m^2: xx, yy, zz,
+    /// xy, xz, yz entries of the tensor; null means those of a box as wide as high.
+    pub inertia: Option<[f64; 6]>,
+    /// Axis times angle by which the payload is rotated about its centre of mass, rad.
+    pub rotation: [f64; 3],
+}
+
+impl Grapple {
+    /// The body that a payload is when it is held so.
+    fn body(&self, payload: &PayloadProperties, kind: PayloadInertia) -> Result<Body, ConfigError> {
+        let centre = self
+            .centre
+            .unwrap_or([payload.length / 2.0, payload.offset, 0.0]);
+        for (i, value) in centre.into_iter().enumerate() {
+            finite(&format!("centre[{i}]"), value)?;
+        }
+        for (i, value) in self.rotation.into_iter().enumerate() {
+            finite(&format!("rotation[{i}]"), value)?;
+        }
+        let across = payload.inertia_centre;
+        let along = match kind {
+            PayloadInertia::Full => payload.mass * payload.width * payload.width / 6.0,
+            PayloadInertia::Slender => 0.0,
+        };
+        let [xx, yy, zz, xy, xz, yz] = self
+            .inertia
+            .unwrap_or([along, across, across, 0.0, 0.0, 0.0]);
+        let own = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        if let Some(entries) = self.inertia {
+            for (i, value) in entries.into_iter().enumerate() {
+                finite(&format!("inertia[{i}]"), value)?;
+            }
+            let principal = own.symmetric_eigenvalues();
+            let largest = principal.amax();
+            if principal.min() < -1e-9 * largest {
+                return Err(ConfigError::value(
+                    "inertia",
+                    "must have principal moments that are not negative",
+                    format!("{entries:?}"),
+                ));
+            }
+            if payload.mass == 0.0 && largest > 0.0 {
+                let requirement = "must be zero where the payload's mass is";
+                return Err(ConfigError::value(
+                    "inertia",
+                    requirement,
+                    format!("{entries:?}"),
+                ));
+            }
+        }
+        let turn = Rotation3::new(Vector3::from(self.rotation)).into_inner();
+        Ok(Body {
+            mass: payload.mass,
+            centre: centre.into(),
+            inertia: turn * own * turn.transpose(),
+        })
+    }
 }
 
 impl ModelSpec {
@@ -121,14 +207,24 @@ impl ModelSpec {
             }
         }
         if let Some(elements) = self.elements {
-            if self.plant != ModelPlant::FiniteElement {
+            let Some(most) = self.plant.most_elements() else {
                 return foreign("elements", elements.to_string());
-            }
-            let most = finite_element::MAX_ELEMENTS;
+            };
             if !(3..=most).contains(&elements) {
                 let range = format!("must be from 3 to {most}");
                 return Err(ConfigError::value("elements", range, elements));
             }
+        }
+        if self.plant != ModelPlant::Spatial {
+            if let Some(grapple) = self.grapple {
+                return foreign("grapple", format!("{grapple:?}"));
+            }
+            if let Some(stiffness) = self.torsional_stiffness {
+                return foreign("torsional_stiffness", format!("{stiffness:?}"));
+            }
+        }
+        for (i, stiffness) in self.torsional_stiffness.iter().flatten().enumerate() {
+            positive(&format!("torsional_stiffness[{i}]"), *stiffness)?;
         }
         let modes = self.modes();
         if modes == [0, 0] || modes.iter().any(|&count| count > MAX_SHAPES) {
@@ -144,6 +240,8 @@ impl ModelSpec {
 pub struct Model {
     spec: ModelSpec,
     payload: PayloadProperties,
+    /// The payload in three dimensions.
+    body: Body,
     constants: Constants<f64>,
 }
 
@@ -157,7 +255,13 @@ impl Model {
         spec.arm.validate().map_err(|e| e.within("arm"))?;
         spec.dynamics.validate().map_err(|e| e.within("dynamics"))?;
         let payload = PayloadProperties::resolve(&spec.payload).map_err(|e| e.within("payload"))?;
+        let body = spec
+            .grapple
+            .unwrap_or_default()
+            .body(&payload, spec.payload.inertia)
+            .map_err(|e| e.within("grapple"))?;
         Ok(Self {
+            body,
             constants: Constants::new(&spec.arm, &payload, &spec.dynamics),
             spec,
             payload,
@@ -380,6 +484,7 @@ impl Model {
                     count.unwrap_or(DEFAULT_COUNT),
                 )
             }
+            ModelPlant::Spatial => return Ok(self.spatial_modes(extension, count)?.frequencies),
         };
         found.truncate(self.wanted(found.len(), count)?);
         Ok(found)
@@ -406,10 +511,41 @@ impl Model {
                 let beam = UniformBeam::rigid_link1(&spec.arm, &self.payload, extension);
                 exact::mode_shapes(&beam, count.unwrap_or(DEFAULT_COUNT), SHAPE_POINTS)
             }
+            ModelPlant::Spatial => {
+                return Err(ConfigError::value(
+                    "plant",
+                    "must have shapes in the plane alone; this one has spatial modes",
+                    spec.plant.name(),
+                ));
+            }
         };
         let wanted = self.wanted(found.frequencies.len(), count)?;
         found.frequencies.truncate(wanted);
         found.displacements.truncate(wanted);
+        Ok(found)
+    }
+
+    /// Natural vibrations of plant spatial at rest at a fixed length; `count` as for
+    /// [`Self::natural_frequencies`].
+    ///
+    /// # Errors
+    /// Another plant, an extension outside the arm, or more modes than the model has.
+    pub fn spatial_modes(
+        &self,
+        extension: f64,
+        count: Option<usize>,
+    ) -> Result<SpatialModes, ConfigError> {
+        let spec = &self.spec;
+        if spec.plant != ModelPlant::Spatial {
+            let requirement = "must be spatial for modes in three dimensions";
+            return Err(ConfigError::value("plant", requirement, spec.plant.name()));
+        }
+        self.check_modes(extension, count)?;
+        let arm = SpatialBeam::arm(&spec.arm, spec.torsional_stiffness, self.body, extension);
+        let most = count.unwrap_or(DEFAULT_COUNT);
+        let elements = spec.elements.unwrap_or(DEFAULT_ELEMENTS);
+        let found = arm.modes(elements, most, SHAPE_POINTS);
+        self.wanted(found.frequencies.len(), count)?;
         Ok(found)
     }
 

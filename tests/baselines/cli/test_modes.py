@@ -48,6 +48,30 @@ def test_table_shows_lengths_plants_and_hertz() -> None:
     assert f"{first:.3f}" in text
 
 
+def test_a_payload_in_space_names_its_modes() -> None:
+    arguments = (
+        "--plant", "spatial", "--extension", 8, "--payload-centre", 0.5, 0, 0.2,
+        "--payload-tensor", 10, 20, 25, 0, 0, 0, "--payload-rotation-deg", 0, 0, 90,
+        "--torsional-stiffness", 1.5e6, 1.9e6, "--count", 6,
+    )  # fmt: skip
+    content = json.loads(succeed("--json", *arguments))
+    grapple = {
+        "centre": [0.5, 0.0, 0.2],
+        "inertia": [20.0, 10.0, 25.0, 0.0, 0.0, 0.0],  # turned by hand
+    }
+    model = drm_env.Model(
+        {"mass": 200.0}, plant="spatial", grapple=grapple, torsional_stiffness=(1.5e6, 1.9e6)
+    )
+    (row,) = content["natural_frequencies"]["spatial"]
+    assert row == pytest.approx(model.natural_frequencies(8.0, 6), rel=1e-9)
+    assert content["kinds"]["spatial"] == [list(model.mode_kinds(8.0, 6))]
+    text = succeed(*arguments)
+    assert "out-of-plane bending" in text
+    marks = {"in-plane bending": "", "out-of-plane bending": "o", "torsion": "t"}
+    for frequency, kind in zip(row, model.mode_kinds(8.0, 6), strict=True):
+        assert f"{frequency:.3f}{marks[kind]}" in text
+
+
 def test_figure_is_written_once(tmp_path: Path) -> None:
     figure = tmp_path / "modes.png"
     succeed("--plot", figure, "--extension", 2, "--extension", 5, "--plant", "consistent")
@@ -68,6 +92,8 @@ def test_figure_is_written_once(tmp_path: Path) -> None:
         (("--modes", 0, 0), ("modes", "[0, 0]")),
         (("--plant", "finite_element", "--modes", 2, 2), ("--modes", "consistent")),
         (("--plant", "thesis", "--elements", 9), ("--elements", "finite_element")),
+        (("--payload-centre", 0.5, 0, 0.2), ("--payload-centre", "spatial")),
+        (("--plant", "spatial", "--elements", 81), ("elements", "3 to 80")),
         (("--elements", 1), ("elements", "3 to 200")),
         (("--count", 100_000), ("count", "100000")),
     ],

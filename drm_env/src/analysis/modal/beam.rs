@@ -119,6 +119,14 @@ pub struct SegmentedBeam {
 impl SegmentedBeam {
     /// The whole arm hinged at the shoulder: link 1 alone, both links side by side, link 2 alone.
     pub fn arm(arm: &Arm, payload: &PayloadProperties, extension: f64) -> Self {
+        Self {
+            tip: payload.into(),
+            ..Self::bare(arm, extension)
+        }
+    }
+
+    /// The same without a payload.
+    pub fn bare(arm: &Arm, extension: f64) -> Self {
         let start = overlap_start(arm, extension);
         let (one, two) = (&arm.link1, &arm.link2);
         let segment = |length: f64, mass_per_length: f64, bending_stiffness: f64| Segment {
@@ -137,7 +145,7 @@ impl SegmentedBeam {
                 ),
                 segment(extension, two.mass_per_length, two.bending_stiffness),
             ],
-            tip: payload.into(),
+            tip: TipBody::default(),
         }
     }
 

@@ -1,4 +1,4 @@
-//! The eigenvalue problem K x = w^2 M x of a body that turns about the shoulder and bends.
+//! The eigenvalue problem K x = w^2 M x of a body that turns about the shoulder and deforms.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -36,18 +36,22 @@ pub(crate) struct Stretch {
     pub bending_stiffness: f64,
 }
 
-/// One natural vibration: angular frequency (rad/s) and coordinates, the slew angle first.
+/// One natural vibration: angular frequency (rad/s) and coordinates, the rotations first.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Eigenpair {
     pub frequency: f64,
     pub coordinates: DVector<f64>,
 }
 
-/// Mass and stiffness over (slew angle, elastic coordinates); the slew angle has no stiffness.
+/// Mass and stiffness over (rotations about the shoulder, elastic coordinates); the rotations have no
+/// stiffness.
 pub(crate) struct Pencil {
-    mass: DMatrix<f64>,
-    stiffness: DMatrix<f64>,
-    clamped: bool,
+    pub mass: DMatrix<f64>,
+    pub stiffness: DMatrix<f64>,
+    /// How many coordinates are rotations.
+    pub rotations: usize,
+    /// Whether the rotations are held.
+    pub clamped: bool,
 }
 
 impl Pencil {
@@ -84,26 +88,30 @@ impl Pencil {
         Self {
             mass,
             stiffness,
+            rotations: 1,
             clamped: matches!(root, Root::Clamped),
         }
     }
 
     /// Elastic vibrations by rising frequency, those lost in rounding left out.
     pub fn eigenpairs(&self) -> Vec<Eigenpair> {
-        let n = self.mass.nrows() - 1;
+        let r = self.rotations;
+        let n = self.mass.nrows() - r;
         if n == 0 {
             return Vec::new();
         }
-        let coupling = self.mass.view((1, 0), (n, 1)).column(0).into_owned();
-        let mut mass = self.mass.view((1, 1), (n, n)).into_owned();
-        let slew_per = if self.clamped {
-            DVector::zeros(n)
-        } else {
+        let coupling = self.mass.view((r, 0), (n, r)).into_owned();
+        let mut mass = self.mass.view((r, r), (n, n)).into_owned();
+        let mut turn_per = DMatrix::zeros(r, n);
+        if !self.clamped {
             // a free vibration has no angular momentum about the shoulder
-            -&coupling / self.mass[(0, 0)]
-        };
-        mass += &coupling * slew_per.transpose();
-        let stiffness = self.stiffness.view((1, 1), (n, n)).into_owned();
+            let Some(inertia) = self.mass.view((0, 0), (r, r)).into_owned().cholesky() else {
+                return Vec::new();
+            };
+            turn_per = -inertia.solve(&coupling.transpose());
+        }
+        mass += &coupling * &turn_per;
+        let stiffness = self.stiffness.view((r, r), (n, n)).into_owned();
         let Some(factor) = stiffness.cholesky() else {
             return Vec::new();
         };
@@ -126,10 +134,14 @@ impl Pencil {
                 let elastic = lower
                     .tr_solve_lower_triangular(&vector)
                     .unwrap_or_else(|| vector.clone());
-                let slew = slew_per.dot(&elastic);
+                let mut coordinates = DVector::zeros(r + n);
+                coordinates
+                    .rows_mut(0, r)
+                    .copy_from(&(&turn_per * &elastic));
+                coordinates.rows_mut(r, n).copy_from(&elastic);
                 Eigenpair {
                     frequency: 1.0 / libm::sqrt(eigen.eigenvalues[i]),
-                    coordinates: elastic.insert_row(0, slew),
+                    coordinates,
                 }
             })
             .collect()

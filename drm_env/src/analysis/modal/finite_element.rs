@@ -10,7 +10,7 @@ use super::{ModeShapes, frequencies, sampled};
 pub const MAX_ELEMENTS: usize = 200;
 
 /// Gauss points that integrate the product of two cubics exactly.
-const POINTS: usize = 4;
+pub(super) const POINTS: usize = 4;
 
 /// Segments shorter than this part of an element do not get one of their own: very short elements
 /// spoil the condition of the stiffness matrix.
@@ -28,7 +28,32 @@ pub struct FiniteElementBeam {
 /// Distances of the nodes from the axis of rotation, rising, m. Coordinates are displacement and
 /// slope of every node but the first, relative to the rotating axis.
 #[derive(Debug, Clone)]
-struct Mesh(Vec<f64>);
+pub(super) struct Mesh(pub(super) Vec<f64>);
+
+impl Mesh {
+    /// Nodes of about `elements` elements of about the same length.
+    pub(super) fn of(beam: &SegmentedBeam, elements: usize) -> Self {
+        let (start, reach) = (beam.root.radius(), beam.reach());
+        let size = (reach - start) / elements as f64;
+        let mut ends = Vec::new();
+        let mut at = start;
+        for segment in &beam.segments {
+            at += segment.length;
+            let far = |from: f64| (at - from).abs() > SLIVER * size;
+            if far(ends.last().copied().unwrap_or(start)) && far(reach) {
+                ends.push(at);
+            }
+        }
+        ends.push(reach);
+        let mut nodes = vec![start];
+        for end in ends {
+            let from = nodes[nodes.len() - 1];
+            let count = ((end - from) / size).round().max(1.0);
+            nodes.extend((1..=count as usize).map(|i| from + (end - from) * i as f64 / count));
+        }
+        Self(nodes)
+    }
+}
 
 impl Field for Mesh {
     fn size(&self) -> usize {
@@ -86,28 +111,11 @@ impl FiniteElementBeam {
             (1..=MAX_ELEMENTS).contains(&elements),
             "1 to {MAX_ELEMENTS} elements"
         );
-        let (start, reach) = (beam.root.radius(), beam.reach());
-        let size = (reach - start) / elements as f64;
-        let mut ends = Vec::new();
-        let mut at = start;
-        for segment in &beam.segments {
-            at += segment.length;
-            let far = |from: f64| (at - from).abs() > SLIVER * size;
-            if far(ends.last().copied().unwrap_or(start)) && far(reach) {
-                ends.push(at);
-            }
-        }
-        ends.push(reach);
-        let mut nodes = vec![start];
-        for end in ends {
-            let from = nodes[nodes.len() - 1];
-            let count = ((end - from) / size).round().max(1.0);
-            nodes.extend((1..=count as usize).map(|i| from + (end - from) * i as f64 / count));
-        }
-        let stretches = stretches(&beam, &nodes);
+        let mesh = Mesh::of(&beam, elements);
+        let stretches = stretches(&beam, &mesh.0);
         Self {
             beam,
-            mesh: Mesh(nodes),
+            mesh,
             stretches,
         }
     }
@@ -130,24 +138,42 @@ impl FiniteElementBeam {
     }
 }
 
+/// The part of an element that lies in one segment, between two distances (m) from the shoulder.
+pub(super) struct Piece {
+    pub element: usize,
+    pub segment: usize,
+    pub start: f64,
+    pub end: f64,
+}
+
 /// The parts of elements that lie in one segment each.
-fn stretches(beam: &SegmentedBeam, nodes: &[f64]) -> Vec<Stretch> {
+pub(super) fn pieces(beam: &SegmentedBeam, nodes: &[f64]) -> Vec<Piece> {
     let mut pieces = Vec::new();
-    for element in nodes.windows(2) {
-        let mut start = beam.root.radius();
-        for segment in &beam.segments {
-            let end = start + segment.length;
-            let (low, high) = (element[0].max(start), element[1].min(end));
-            if high > low {
-                pieces.push(Stretch {
-                    start: low,
-                    end: high,
-                    mass_per_length: segment.mass_per_length,
-                    bending_stiffness: segment.bending_stiffness,
+    for (element, ends) in nodes.windows(2).enumerate() {
+        let mut from = beam.root.radius();
+        for (segment, stretch) in beam.segments.iter().enumerate() {
+            let to = from + stretch.length;
+            let (start, end) = (ends[0].max(from), ends[1].min(to));
+            if end > start {
+                pieces.push(Piece {
+                    element,
+                    segment,
+                    start,
+                    end,
                 });
             }
-            start = end;
+            from = to;
         }
     }
     pieces
+}
+
+pub(super) fn stretches(beam: &SegmentedBeam, nodes: &[f64]) -> Vec<Stretch> {
+    let stretch = |piece: Piece| Stretch {
+        start: piece.start,
+        end: piece.end,
+        mass_per_length: beam.segments[piece.segment].mass_per_length,
+        bending_stiffness: beam.segments[piece.segment].bending_stiffness,
+    };
+    pieces(beam, nodes).into_iter().map(stretch).collect()
 }

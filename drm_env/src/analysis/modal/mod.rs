@@ -4,6 +4,7 @@
 //! - [`assumed_modes`]: the Rayleigh-Ritz method with any number of shapes.
 //! - [`exact`]: the characteristic equation of a uniform beam on a hub: the arm with rigid link 1.
 //! - [`finite_element`]: the whole arm as a beam in three segments.
+//! - [`spatial`]: the whole arm in three dimensions, with a body off its axis.
 //! - [`torsion`]: twist of the arm as a massless shaft.
 //! - [`appendix_e`]: the finite-element model behind Table 2-11.
 
@@ -13,6 +14,7 @@ pub mod beam;
 mod eigen;
 pub mod exact;
 pub mod finite_element;
+pub mod spatial;
 pub mod torsion;
 
 pub use crate::plant::thesis_modes::{
@@ -21,6 +23,7 @@ pub use crate::plant::thesis_modes::{
 pub use assumed_modes::{AssumedArm, Kinematics};
 pub use beam::{Root, Segment, SegmentedBeam, TipBody, UniformBeam};
 pub use finite_element::FiniteElementBeam;
+pub use spatial::{SpatialBeam, SpatialModes};
 
 use eigen::{Eigenpair, Field};
 
