@@ -291,6 +291,48 @@ def test_a_final_time_is_kept() -> None:
     assert free.best.profile == "min_energy"
 
 
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [
+        ("deflection", 0.02),
+        ("residual", 0.002),
+        ("root_shear", 60.0),
+        ("link2_bending_moment", 300.0),
+        ("link2_shear", 50.0),
+    ],
+)
+def test_every_limit_is_enough_alone(name: str, limit: float) -> None:
+    """It is kept when it is flown, and the manoeuvre is not slower than it has to be."""
+    shape = ("min_time", 0.1)
+    plan = drm_env.plan_slew(fixed(), limits={name: limit}, shapes=[shape], watch=3.0)
+    assert plan.best.feasible
+    assert plan.best.worst is not None and plan.best.worst[0] == name
+    # the residual of a smoothed slew has zeros between which it may fall
+    assert plan.best.values[name] <= limit
+    assert name == "residual" or plan.best.values[name] > 0.9 * limit
+    scale = {"loads": True} if "deflection" not in name and name != "residual" else {}
+    flown = drm_env.simulate(plan.scenario, **scale).metrics
+    metric = {
+        "deflection": "peak_deflection",
+        "residual": "residual_peak",
+        "root_shear": "root_shear_link1_peak",
+        "link2_bending_moment": "root_bending_moment_link2_peak",
+        "link2_shear": "root_shear_link2_peak",
+    }[name]
+    assert flown[metric] <= limit * (1.0 + 1e-9)
+
+
+def test_a_shear_alone_states_the_time_of_statics() -> None:
+    """With a soft start the arm bends as under the steady acceleration: shear = moment of mass."""
+    reach = LENGTH1 + 8.0
+    moment = LINK1 * LENGTH1 / 2.0 + LINK2 * (reach - LENGTH2 / 2.0) + MASS * (reach + LENGTH / 2.0)
+    plan = drm_env.plan_slew(
+        fixed(), limits={"root_shear": 60.0}, shapes=[("min_time", 0.1)], watch=1.0
+    )
+    time = drm_env.slew_final_time(0.8, 60.0 / moment, "min_time", 0.1)
+    assert plan.best.final_time == pytest.approx(time, rel=0.02)
+
+
 def test_what_no_profile_can_do_names_the_limit() -> None:
     needed = 4.0 * 0.8 * inertia(8.0) / 5.0**2  # the least of all shapes is bang-bang
     with pytest.raises(drm_env.InfeasibleError, match=r"limits\.motor_torque: in 5 s") as torque:
@@ -320,7 +362,8 @@ def test_what_no_profile_can_do_names_the_limit() -> None:
         ({"limits": {"motor_torque": -1.0}}, r"limits\.motor_torque must be a positive"),
         ({"limits": [1.0]}, "limits must be a mapping"),
         ({"limits": {}}, "limits bound no slew"),
-        ({"limits": {"deflection": 0.1}}, "limits bound no slew"),
+        ({"limits": {"tip_wheel_momentum": 9.0}, "shapes": [("min_time", 0.1)], "watch": 0.5},
+         "needs none of them"),
         ({"objective": "prettiest"}, "objective must be one of"),
         ({"final_time": math.nan}, "final_time must be"),
         ({"mass_error": 1.5}, "mass_error must be at least 0"),

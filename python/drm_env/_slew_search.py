@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drm_env._manoeuvres import law_json
-from drm_env.errors import InfeasibleError
+from drm_env.errors import ConfigError, InfeasibleError
+from drm_env.kinematics import lengths
 from drm_env.profiles import slew_acceleration
 from drm_env.rigid_demands import Manoeuvre, demands_of
 from drm_env.rollouts import rollout
@@ -49,6 +50,12 @@ _MARGIN = 1e-4
 """Part by which candidates are slower than the rigid arm allows: peaks lie between places."""
 _CHUNK = 256
 """Flights of one call: their signals take some tens of megabytes."""
+_GENTLE = 0.1
+"""Acceleration of the tip in the flight from which a first time is guessed, m/s^2."""
+_HURRY = 0.5
+"""Part of a guessed time from which candidates are made slower."""
+_NOTHING = 1e-9
+"""Part of a limit that is none of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,15 +257,54 @@ class SlewSearch:
 
     # --- the ways to search
 
+    def _first_times(self) -> dict[tuple[str, float], float]:
+        """Times from which candidates are made slower, s.
+
+        By what the rigid arm needs; where no limit bounds that, half of what a gentle flight tells
+        by the powers with which things fall.
+
+        Raises
+        ------
+        ConfigError
+            no limit bounds anything of this manoeuvre.
+        """
+        times = {shape: self.shortest(shape) for shape in self.shapes}
+        if any(time > 0.0 for time in times.values()):
+            return times
+        name = f" ({', '.join(self.limits)} alone)" if self.limits else ""
+        if not self.limits:
+            raise ConfigError(
+                "limits bound no slew: give one of them, or final_time, for without any there is "
+                "no fastest manoeuvre"
+            )
+        job = self.job
+        reach = lengths(job.scenario["arm"])[0] + max(job.start.extension, job.goal.extension)
+        distance = max(reach * abs(job.angle), abs(job.travel))
+        gentle = math.sqrt(4.0 * distance / _GENTLE)
+        for candidate in self.fly([(shape, gentle) for shape in self.shapes], "a first look"):
+            parts = {name: candidate.values[name] / limit for name, limit in self.limits.items()}
+            # what diverges at such a pace says nothing
+            guesses = [
+                gentle * part ** (1.0 / LIMITED[name].power)
+                for name, part in parts.items()
+                if part > _NOTHING
+            ]
+            times[(candidate.profile, candidate.smoothing)] = _HURRY * max(guesses, default=0.0)
+        if all(time <= 0.0 for time in times.values()):
+            raise ConfigError(f"limits bound no slew{name}: this manoeuvre needs none of them")
+        return {shape: time for shape, time in times.items() if time > 0.0}
+
     def fastest(self) -> SlewCandidate:
         """The fastest candidate within the limits, however long it takes.
 
         Raises
         ------
+        ConfigError
+            no limit bounds anything of this manoeuvre.
         InfeasibleError
             nothing within an hour.
         """
-        waiting = {shape: self.shortest(shape) for shape in self.shapes}
+        waiting = self._first_times()
         too_fast: dict[tuple[str, float], SlewCandidate] = {}
         stalled = dict.fromkeys(self.shapes, 0)
         best: SlewCandidate | None = None

@@ -240,17 +240,9 @@ def _searched(
 
     if final_time is not None:
         return best_of(search.at(final_time))
-    if all(search.shortest(shape) <= 0.0 for shape in search.shapes):
-        bound = [name for name in search.limits if name not in ("deflection", "residual")]
-        what = f" ({', '.join(search.limits)} alone)" if search.limits else ""
-        if limits.final_time is not None and objective != "fastest":
-            return best_of(search.at(limits.final_time))
-        if not bound:
-            raise ConfigError(
-                f"limits bound no slew{what}: give one of the acceleration, the motor or the "
-                "deployment, or final_time"
-            )
-        raise ConfigError(f"limits bound no slew{what}: this manoeuvre needs none of them")
+    unbound = all(search.shortest(shape) <= 0.0 for shape in search.shapes)
+    if unbound and limits.final_time is not None and objective != "fastest":
+        return best_of(search.at(limits.final_time))
     fast = search.fastest()
     if limits.final_time is not None and fast.final_time > limits.final_time * (1.0 + 1e-12):
         missing = fast.final_time - limits.final_time

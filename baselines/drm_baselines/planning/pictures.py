@@ -57,6 +57,8 @@ def plot_trades(plan: drm_env.SlewPlan, path: Path, *, overwrite: bool = False) 
                     markerfacecolor=OKABE_ITO[colour] if feasible else "none",
                     label=label if feasible and here else None,
                 )
+        axis.plot([], [], "o", color="0.35", markersize=4.5, markerfacecolor="none",
+                  label="passes a limit")  # fmt: skip
         # of the front in four quantities, what is best in these two
         edge, least = [], np.inf
         for each in sorted(best, key=lambda one: (one.value(first), one.value(second))):
@@ -70,6 +72,7 @@ def plot_trades(plan: drm_env.SlewPlan, path: Path, *, overwrite: bool = False) 
             linewidth=1.0,
             zorder=0,
             drawstyle="steps-post",
+            label="best that can be had of both",
         )
         axis.plot(
             plan.best.value(first) / TRADED[first].factor,

@@ -47,6 +47,7 @@ def plot_requirements(
         axis.set_xlabel(f"{NEEDS[each.name].label} ({NEEDS[each.name].unit})", fontsize="small")
         axis.grid(alpha=0.3)
         axis.tick_params(labelsize="small")
+        axis.locator_params(axis="x", nbins=5)
     for row in axes[:, 0]:
         row.set_ylabel("missions (%)", fontsize="small")
     handles, labels = axes.flat[0].get_legend_handles_labels()
