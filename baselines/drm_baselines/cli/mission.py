@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
+    from drm_baselines.policies.pilots import Pilot
+
 _ERRORS = (-0.15, 0.0, 0.15)
 """Errors of the reported mass with which --replan flies."""
 
@@ -41,22 +43,25 @@ def _shown(value: float | str) -> str:
     return str(value)
 
 
-def _law(name: str) -> dict[str, Any]:
-    """The law behind a name.
+def _pilot(name: str, *, law: bool) -> Pilot:
+    """Who flies under a name: a law or a network, or only a law.
 
     Raises
     ------
     BaselineError
-        What has this name is no law.
+        What has this name plans whole manoeuvres ahead, or is no law where one is needed.
     """
+    from drm_baselines.policies.names import find
     from drm_baselines.policies.pilots import pilot_named
 
-    law = pilot_named(name).details.get("law")
-    if law is None:
+    if find(name).kind in ("controller", "bound"):
         raise BaselineError(
-            f"--law {name} is no law; missions of policies are the episodes of drm_env/Mission-v0"
+            f"--law {name} is no law: it plans a single manoeuvre ahead and cannot fly missions"
         )
-    return dict(law)
+    pilot = pilot_named(name)
+    if law and "law" not in pilot.details:
+        raise BaselineError(f"--law {name} is no law, and --replan compares laws")
+    return pilot
 
 
 @guarded
@@ -71,7 +76,8 @@ def mission(
     law: Annotated[
         list[str] | None,
         typer.Option(
-            help="Law that flies, by name. May be repeated; none, linear and servo by default.",
+            help="Law or learned policy that flies, by name. May be repeated; none, linear and "
+            "servo by default.",
             show_default=False,
         ),
     ] = None,
@@ -107,19 +113,19 @@ def mission(
     names = law or (["servo"] if replan else ["none", "linear", "servo"])
     if len(set(names)) != len(names):
         raise BaselineError(f"--law is given twice: {', '.join(names)}")
-    laws = {name: _law(name) for name in names}
+    pilots = {name: _pilot(name, law=replan) for name in names}
     if out is not None:
         require("a picture of the mission (--out)", "plot")
         storage.claim_directory(out, force=force)
     flights: dict[str, drm_env.Trajectory] = {}
     worth: dict[str, Any] = {}
-    for name, data in laws.items():
+    for name, pilot in pilots.items():
         if replan:
-            worth[name] = missions.worth_of_replanning(document, data, _ERRORS, seed=seed)
+            law_data = pilot.details["law"]
+            worth[name] = missions.worth_of_replanning(document, law_data, _ERRORS, seed=seed)
         if not replan or out is not None:
-            flights[name] = drm_env.simulate(
+            flights[name] = pilot.trajectory(
                 missions.replanned(document, True) if replan else document,
-                data,
                 decimation=decimation,
                 seed=seed,
             )
@@ -128,7 +134,9 @@ def mission(
         "format_version": 1,
         "units": "SI and radians, but for legs and replanning, whose names hold units",
         "mission": document,
-        "laws": laws,
+        "laws": {
+            name: dict(pilot.details.get("law", pilot.details)) for name, pilot in pilots.items()
+        },
         "metrics": {name: dict(flight.metrics) for name, flight in flights.items()},
         "legs": {name: missions.leg_rows(flight) for name, flight in flights.items()},
         "replanning": worth,

@@ -157,7 +157,8 @@ class NetworkPilot:
         seed: int | Sequence[int] = 0,
         progress: Progress | None = None,
     ) -> Metrics:
-        """See :class:`Pilot`."""
+        """See :class:`Pilot`; missions are flown one and the same."""
+        scenarios = [_of_an_episode(scenario) for scenario in scenarios]
         flown = drm_env.rollout(
             scenarios,
             policy=self.policy.network.engine(),
@@ -172,6 +173,7 @@ class NetworkPilot:
         self, scenario: Mapping[str, Any], *, seed: int = 0, decimation: int = 1
     ) -> drm_env.Trajectory:
         """See :class:`Pilot`."""
+        scenario = _of_an_episode(scenario)
         flown = drm_env.rollout(
             [scenario],
             policy=self.policy.network.engine(),
@@ -183,12 +185,24 @@ class NetworkPilot:
         return flown.trajectory(0)
 
 
+def _of_an_episode(scenario: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What flies; a mission that states no horizon gets that of ``drm_env/Mission-v0``."""
+    if "mission" not in scenario or "horizon" in scenario.get("scenario", {}):
+        return scenario
+    horizon = drm_env.resolve("mission").config.scenario.horizon
+    return {**scenario, "scenario": {**scenario.get("scenario", {}), "horizon": horizon}}
+
+
 def task_in(
     policy: NetworkPolicy, scenarios: Sequence[Mapping[str, Any]]
 ) -> drm_env.ResolvedConfig:
-    """Return the configuration of a policy's task for the horizon of these scenarios."""
+    """Return the configuration of a policy's task for the horizon, or the mission, of these."""
     config = dict(policy.config)
-    horizon = float(scenarios[0].get("horizon", drm_env.Scenario().horizon))
+    scenario = scenarios[0]
+    if "mission" in scenario:
+        config["mission"] = scenario["mission"]
+        scenario = scenario.get("scenario", {})
+    horizon = float(scenario.get("horizon", drm_env.Scenario().horizon))
     config["scenario"] = {**config.get("scenario", {}), "horizon": horizon}
     return drm_env.resolve(config=config)
 

@@ -106,6 +106,6 @@ def test_what_is_no_mission_is_refused(tmp_path: Path, file: Path) -> None:
     result = drm_mission(path)
     assert result.exit_code == 2
     assert "no mission" in result.stderr
-    result = drm_mission(file, "--law", "learned")
+    result = drm_mission(file, "--law", "receding")
     assert result.exit_code == 2
     assert "no law" in result.stderr
