@@ -2,14 +2,16 @@
 //! them, and every door flies the same bits.
 
 use drm_env::arm::Payload;
+use drm_env::config::handling::{Base, TurnedBase};
 use drm_env::config::mission::{
-    GrappleLeg, HoldLeg, Leg, Mission, ReleaseLeg, RestLeg, SlewLeg, ValidMission,
+    DesaturateLeg, GrappleLeg, HoldLeg, Leg, Mission, ReleaseLeg, RestLeg, SlewLeg, ValidMission,
 };
 use drm_env::config::{EnvConfig, ValidConfig};
 use drm_env::control::Law;
 use drm_env::env::Env;
 use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
+use drm_env::reference::series::Series;
 use drm_env::rollout::{Options, Pilot, Recording, SIGNAL_NAMES, fly_missions, fly_one_mission};
 use drm_env::simd::Instructions;
 use drm_env::simulation::LegRecord;
@@ -26,7 +28,10 @@ fn slew(angle: f64, extension: Option<f64>) -> Leg {
 }
 
 fn hold(duration: f64) -> Leg {
-    Leg::Hold(HoldLeg { duration })
+    Leg::Hold(HoldLeg {
+        duration,
+        ..HoldLeg::default()
+    })
 }
 
 /// Pick, slew, place, return, with payloads that are grappled and released while the arm vibrates.
@@ -276,6 +281,28 @@ fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
+fn desaturating() -> Leg {
+    Leg::Desaturate(DesaturateLeg {
+        most: 1.0,
+        momentum: 0.0,
+        ..DesaturateLeg::default()
+    })
+}
+
+/// A base that turns through 5 mrad and carries the arm along.
+fn braked() -> Leg {
+    let series = |values: &[f64]| Series::new(values).expect("they are few");
+    let turned = TurnedBase {
+        times: series(&[0.0, 0.1, 0.1, 0.2]),
+        accelerations: series(&[0.5, 0.5, -0.5, -0.5]),
+        locked: true,
+    };
+    Leg::Hold(HoldLeg {
+        duration: 0.5,
+        base: Some(Base::Turned(turned)),
+    })
+}
+
 /// Missions of unequal legs, with noise, delays and real wheels.
 fn varied(plant: PlantModel) -> Vec<ValidMission> {
     (0..5)
@@ -289,10 +316,16 @@ fn varied(plant: PlantModel) -> Vec<ValidMission> {
                 scenario.sensors.angle_noise = 1e-5;
                 scenario.sensors.delay = 0.004;
             }
-            let mission = Mission {
+            let mut mission = Mission {
                 replan: true,
                 ..pick_and_place()
             };
+            if i % 2 == 1 {
+                // beside lanes whose legs are only manoeuvres
+                mission.legs.extend([braked(), desaturating(), hold(0.2)]);
+                // what vibrates when the shoulder is let go drifts away
+                scenario.dynamics.structural_damping = 5e-3;
+            }
             flyable(&mission, scenario)
         })
         .collect()

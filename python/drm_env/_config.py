@@ -305,59 +305,25 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlewLeg:
-    """Slew, deployment or both."""
-
-    kind: Literal["slew"] = "slew"
-    angle: float = 0.0
-    """Angle to slew through from where the leg begins, rad; 0 turns nothing."""
-    extension: float | None = None
-    """Length of link 2 outside link 1 at the end, m; null keeps the length."""
-    max_accel: float | None = None
-    """Largest angular acceleration, rad/s^2; null is that of the scenario's slew."""
-    profile: SlewProfile | None = None
-    """Family of the profile; null is that of the scenario's slew."""
-    smoothing: float | None = None
-    """Smoothing fraction of the slew time; null is that of the scenario's slew."""
-    deployment: DeploymentMode | None = None
-    """How the length changes; null is coincident with the slew, and force limited without one."""
-    force: float | None = None
-    """Force of a force-limited change of length, N; null is that of the scenario's deployment."""
-    deployment_start: float = 0.0
-    """When the length begins to change, s after the leg's beginning."""
-    duration: float | None = None
-    """Duration, s, at least that of slew and deployment; null is theirs."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HoldLeg:
-    """Stand still for a time."""
-
-    kind: Literal["hold"] = "hold"
-    duration: float = 1.0
-    """Duration, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RestLeg:
-    """Stand still until the arm is at rest."""
-
-    kind: Literal["wait_for_rest"] = "wait_for_rest"
-    most: float = 20.0
-    """Longest duration, s: the mission goes on then whether or not the arm is at rest."""
-    deflection: float = 0.001
-    """Largest amplitude of the tip's vibration at rest, m: of deflection and deflection rate times 0.04 s."""
-    slew_error: float = 0.01
-    """Largest slew error at rest, taken to the tip, m."""
-    quiet: float = 1.0
-    """How long both must have been within, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReleaseLeg:
     """The payload goes."""
 
     kind: Literal["release"] = "release"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnedBase:
+    """A base that turns about the shoulder's axis, from rest to rest."""
+
+    times: Sequence[float] = ()
+    """Times, s after the leg's beginning, rising; at one that is given twice the acceleration jumps."""
+    accelerations: Sequence[float] = ()
+    """
+    Angular accelerations of the base at them, rad/s^2, with straight lines between; the base must come
+    to rest.
+    """
+    locked: bool = False
+    """Whether the brakes hold the shoulder, so that the arm turns with the base."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -611,6 +577,76 @@ Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw | ServoLaw
 
 
 @dataclass(frozen=True, kw_only=True)
+class SlewLeg:
+    """Slew, deployment or both."""
+
+    kind: Literal["slew"] = "slew"
+    angle: float = 0.0
+    """Angle to slew through from where the leg begins, rad; 0 turns nothing."""
+    extension: float | None = None
+    """Length of link 2 outside link 1 at the end, m; null keeps the length."""
+    max_accel: float | None = None
+    """Largest angular acceleration, rad/s^2; null is that of the scenario's slew."""
+    profile: SlewProfile | None = None
+    """Family of the profile; null is that of the scenario's slew."""
+    smoothing: float | None = None
+    """Smoothing fraction of the slew time; null is that of the scenario's slew."""
+    deployment: DeploymentMode | None = None
+    """How the length changes; null is coincident with the slew, and force limited without one."""
+    force: float | None = None
+    """Force of a force-limited change of length, N; null is that of the scenario's deployment."""
+    deployment_start: float = 0.0
+    """When the length begins to change, s after the leg's beginning."""
+    duration: float | None = None
+    """Duration, s, at least that of slew, deployment and the base's motion; null is theirs."""
+    base: Literal["locked"] | TurnedBase | None = None
+    """What the base does; null is at rest with a free shoulder. With a locked shoulder the angle is 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldLeg:
+    """Stand still for a time."""
+
+    kind: Literal["hold"] = "hold"
+    duration: float = 1.0
+    """Duration, s, at least that of the base's motion."""
+    base: Literal["locked"] | TurnedBase | None = None
+    """What the base does; null is at rest with a free shoulder."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestLeg:
+    """Stand still until the arm is at rest."""
+
+    kind: Literal["wait_for_rest"] = "wait_for_rest"
+    most: float = 20.0
+    """Longest duration, s: the mission goes on then whether or not the arm is at rest."""
+    deflection: float = 0.001
+    """Largest amplitude of the tip's vibration at rest, m: of deflection and deflection rate times 0.04 s."""
+    slew_error: float = 0.01
+    """Largest slew error at rest, taken to the tip, m."""
+    quiet: float = 1.0
+    """How long both must have been within, s."""
+    base: Literal["locked"] | TurnedBase | None = None
+    """`"locked"` where the brakes hold the shoulder, which is all that can be waited on; null is a free one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesaturateLeg:
+    """Run the wheels down."""
+
+    kind: Literal["desaturate"] = "desaturate"
+    most: float = 60.0
+    """Longest duration, s: the mission goes on then whether or not the wheels are empty."""
+    momentum: float = 1.0
+    """Momentum of either wheel that counts as none, N m s; 0 takes the whole time."""
+    torque: float | None = None
+    """Largest torque of either wheel, N m; null is the wheel's own."""
+    base: Literal["locked"] | TurnedBase | None = None
+    """`"locked"` where the brakes hold the shoulder in the motor's stead; null is the motor."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class GrappleLeg:
     """A payload appears."""
 
@@ -621,7 +657,7 @@ class GrappleLeg:
     """What is reported of the payload; null is the truth, or the scenario's report of its payload."""
 
 
-Leg: TypeAlias = SlewLeg | HoldLeg | RestLeg | GrappleLeg | ReleaseLeg
+Leg: TypeAlias = SlewLeg | HoldLeg | RestLeg | DesaturateLeg | GrappleLeg | ReleaseLeg
 """A part of a mission; as data, `{"kind": "hold", ...}`."""
 
 

@@ -21,8 +21,8 @@ class LegRecord(NamedTuple):
     leg
         its place in the mission's list of legs.
     kind
-        ``"slew"``, ``"hold"`` or ``"wait_for_rest"``. What takes no time (``"grapple"`` and
-        ``"release"``) happens at the beginning of the leg that follows.
+        ``"slew"``, ``"hold"``, ``"wait_for_rest"`` or ``"desaturate"``. What takes no time
+        (``"grapple"`` and ``"release"``) happens at the beginning of the leg that follows.
     start
         beginning, s after that of the mission.
     angle
@@ -31,7 +31,8 @@ class LegRecord(NamedTuple):
         payload mass that the leg was planned for, kg: the reported or the identified one.
     momentum, energy
         angular momentum about the shoulder (N m s) and energy (J) that a payload brought at the
-        beginning, negative where it took them away.
+        beginning, negative where it took them away; and what brakes took that closed on an arm that
+        turned.
     reward
         sums of the reward's terms by name; zeros where nothing is paid.
     metrics

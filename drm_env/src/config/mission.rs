@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::arm::Payload;
 use crate::check::{finite, non_negative, positive};
+use crate::config::handling::{Base, LegHandling};
 use crate::config::scenario::{Initial, ReportedPayload, Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::reference::deployment::{Deployment, DeploymentMode};
@@ -33,21 +34,28 @@ pub struct SlewLeg {
     pub force: Option<f64>,
     /// When the length begins to change, s after the leg's beginning.
     pub deployment_start: f64,
-    /// Duration, s, at least that of slew and deployment; null is theirs.
+    /// Duration, s, at least that of slew, deployment and the base's motion; null is theirs.
     pub duration: Option<f64>,
+    /// What the base does; null is at rest with a free shoulder. With a locked shoulder the angle is 0.
+    pub base: Option<Base>,
 }
 
 /// The reference stands still for a time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HoldLeg {
-    /// Duration, s.
+    /// Duration, s, at least that of the base's motion.
     pub duration: f64,
+    /// What the base does; null is at rest with a free shoulder.
+    pub base: Option<Base>,
 }
 
 impl Default for HoldLeg {
     fn default() -> Self {
-        Self { duration: 1.0 }
+        Self {
+            duration: 1.0,
+            base: None,
+        }
     }
 }
 
@@ -64,6 +72,8 @@ pub struct RestLeg {
     pub slew_error: f64,
     /// How long both must have been within, s.
     pub quiet: f64,
+    /// `"locked"` where the brakes hold the shoulder, which is all that can be waited on; null is a free one.
+    pub base: Option<Base>,
 }
 
 impl Default for RestLeg {
@@ -74,6 +84,34 @@ impl Default for RestLeg {
             deflection: 1e-3,
             slew_error: 1e-2,
             quiet: 1.0,
+            base: None,
+        }
+    }
+}
+
+/// The wheels are run down while the slew motor holds the arm: their momentum goes through the shoulder into
+/// the base.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DesaturateLeg {
+    /// Longest duration, s: the mission goes on then whether or not the wheels are empty.
+    pub most: f64,
+    /// Momentum of either wheel that counts as none, N m s; 0 takes the whole time.
+    pub momentum: f64,
+    /// Largest torque of either wheel, N m; null is the wheel's own.
+    pub torque: Option<f64>,
+    /// `"locked"` where the brakes hold the shoulder in the motor's stead; null is the motor.
+    pub base: Option<Base>,
+}
+
+impl Default for DesaturateLeg {
+    /// With all of their torque, to 1 N m s, within 60 s.
+    fn default() -> Self {
+        Self {
+            most: 60.0,
+            momentum: 1.0,
+            torque: None,
+            base: None,
         }
     }
 }
@@ -106,6 +144,9 @@ pub enum Leg {
     /// Stand still until the arm is at rest.
     #[schemars(title = "RestLeg")]
     WaitForRest(RestLeg),
+    /// Run the wheels down.
+    #[schemars(title = "DesaturateLeg")]
+    Desaturate(DesaturateLeg),
     /// A payload appears.
     #[schemars(title = "GrappleLeg")]
     Grapple(GrappleLeg),
@@ -126,6 +167,7 @@ impl Leg {
             Self::Slew(_) => "slew",
             Self::Hold(_) => "hold",
             Self::WaitForRest(_) => "wait_for_rest",
+            Self::Desaturate(_) => "desaturate",
             Self::Grapple(_) => "grapple",
             Self::Release(_) => "release",
         }
@@ -181,6 +223,19 @@ const MOST_LEGS: usize = 100;
 /// Ends of a leg within so much of a period after a multiple of it are at that multiple.
 const ROUNDING: f64 = 1e-6;
 
+/// What ends a leg before its time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Ending {
+    /// The arm is at rest; see [`RestLeg`].
+    Rest {
+        deflection: f64,
+        slew_error: f64,
+        quiet: f64,
+    },
+    /// Neither wheel stores more than so much, N m s.
+    Empty(f64),
+}
+
 /// One leg that takes time, with what happens at its beginning.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PlannedLeg {
@@ -193,13 +248,15 @@ pub(crate) struct PlannedLeg {
     /// Duration that was asked for, s.
     pub(crate) duration: Option<f64>,
     /// What ends the leg before its time.
-    pub(crate) rest: Option<RestLeg>,
+    pub(crate) ending: Option<Ending>,
+    /// What is done beside the manoeuvre.
+    pub(crate) handling: LegHandling,
     /// Whether a payload has appeared with this leg: what has been learnt of the one before is void.
     pub(crate) grappled: bool,
 }
 
 impl PlannedLeg {
-    /// How long slew and deployment of the leg take where it is flown as `scenario`, s.
+    /// How long slew, deployment and the base's motion take where the leg is flown as `scenario`, s.
     fn needed(&self, scenario: &Scenario) -> Result<f64, ConfigError> {
         let moves = scenario.deployment.final_extension() != scenario.deployment.start;
         let deployment = if moves {
@@ -207,7 +264,39 @@ impl PlannedLeg {
         } else {
             0.0
         };
-        Ok(scenario.slew.final_time().max(deployment))
+        let base = self.handling.base.map_or(0.0, |base| base.final_time());
+        Ok(scenario.slew.final_time().max(deployment).max(base))
+    }
+
+    /// The leg with a base, which must not be moving where something else than its time ends the leg.
+    fn with_base(mut self, base: Option<Base>) -> Result<Self, ConfigError> {
+        let Some(base) = base else { return Ok(self) };
+        base.validate()?;
+        if self.ending.is_some() && base != Base::Locked {
+            let message =
+                "must be \"locked\": only the base of a leg of known duration (slew or hold) turns";
+            return Err(ConfigError::form("base", message));
+        }
+        if base.is_locked() && self.scenario.slew.target() != 0.0 {
+            let requirement = "must be 0: the brakes hold the shoulder";
+            let angle = self.scenario.slew.target();
+            return Err(ConfigError::value("angle", requirement, angle));
+        }
+        self.handling.base = Some(base);
+        Ok(self)
+    }
+
+    /// Refuses a duration that is shorter than what happens within it.
+    fn check_duration(self) -> Result<Self, ConfigError> {
+        let needed = self.needed(&self.scenario)?;
+        match self.duration {
+            Some(duration) if self.ending.is_none() && duration < needed * (1.0 - ROUNDING) => {
+                let requirement =
+                    format!("must be at least the {needed} s of slew, deployment and base");
+                Err(ConfigError::value("duration", requirement, duration))
+            }
+            _ => Ok(self),
+        }
     }
 
     /// Samples in the leg where it is flown as `scenario`, if nothing ends it before: whole multiples of
@@ -294,14 +383,28 @@ impl ValidMission {
                 Leg::Slew(leg) => leg.planned(&scenario, extension, held.as_ref()),
                 Leg::Hold(leg) => positive("duration", leg.duration).and_then(|()| {
                     let leg_scenario = still(&scenario, extension, held.as_ref());
-                    of(leg_scenario, Some(leg.duration), None)
+                    of(leg_scenario, Some(leg.duration), None)?.with_base(leg.base)
                 }),
                 Leg::WaitForRest(leg) => leg.validate().and_then(|()| {
                     let leg_scenario = still(&scenario, extension, held.as_ref());
-                    of(leg_scenario, Some(leg.most), Some(*leg))
+                    of(leg_scenario, Some(leg.most), Some(leg.ending()))?.with_base(leg.base)
+                }),
+                Leg::Desaturate(leg) => leg.validate().and_then(|()| {
+                    let leg_scenario = still(&scenario, extension, held.as_ref());
+                    let ending = Some(Ending::Empty(leg.momentum));
+                    let mut planned = of(leg_scenario, Some(leg.most), ending)?;
+                    planned.handling.unload = Some(leg.torque);
+                    planned.with_base(leg.base)
                 }),
             };
+            let planned = planned.and_then(PlannedLeg::check_duration);
             let mut planned = planned.map_err(within)?;
+            let locked = planned.handling.base.is_some_and(|base| base.is_locked());
+            if locked && legs.is_empty() && scenario.initial.slew_rate != 0.0 {
+                let requirement = "must be 0 where the mission begins with a locked base";
+                let rate = scenario.initial.slew_rate;
+                return Err(ConfigError::value("initial.slew_rate", requirement, rate));
+            }
             planned.index = index;
             planned.grappled = std::mem::take(&mut grappled);
             scenario.initial = Initial::default();
@@ -442,18 +545,28 @@ impl SlewLeg {
             deployment_start: self.deployment_start,
             ..of(scenario, self.duration, None)?
         };
-        let needed = planned.needed(&scenario)?;
-        match self.duration {
-            Some(duration) if duration < needed * (1.0 - ROUNDING) => {
-                let requirement = format!("must be at least the {needed} s of slew and deployment");
-                Err(ConfigError::value("duration", requirement, duration))
-            }
-            _ => Ok(planned),
-        }
+        planned.with_base(self.base)
+    }
+}
+
+impl DesaturateLeg {
+    fn validate(&self) -> Result<(), ConfigError> {
+        positive("most", self.most)?;
+        non_negative("momentum", self.momentum)?;
+        self.torque
+            .map_or(Ok(()), |torque| positive("torque", torque))
     }
 }
 
 impl RestLeg {
+    fn ending(&self) -> Ending {
+        Ending::Rest {
+            deflection: self.deflection,
+            slew_error: self.slew_error,
+            quiet: self.quiet,
+        }
+    }
+
     fn validate(&self) -> Result<(), ConfigError> {
         positive("most", self.most)?;
         positive("deflection", self.deflection)?;
@@ -466,14 +579,15 @@ impl RestLeg {
 fn of(
     scenario: Scenario,
     duration: Option<f64>,
-    rest: Option<RestLeg>,
+    ending: Option<Ending>,
 ) -> Result<PlannedLeg, ConfigError> {
     Ok(PlannedLeg {
         index: 0,
         scenario: ValidScenario::new(scenario)?,
         deployment_start: 0.0,
         duration,
-        rest,
+        ending,
+        handling: LegHandling::default(),
         grappled: false,
     })
 }

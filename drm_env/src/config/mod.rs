@@ -2,6 +2,7 @@
 //! Presets give the registered environments their defaults.
 
 pub mod distribution;
+pub mod handling;
 pub(crate) mod json;
 pub mod mission;
 pub mod options;

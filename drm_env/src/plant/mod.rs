@@ -197,6 +197,12 @@ impl<T: Lane> RigidInertia<T> {
             .limited(-self.limit, self.limit)
     }
 
+    /// What the motor gives of a torque that is wanted, N m.
+    #[inline(always)]
+    pub fn given(&self, wanted: T) -> T {
+        wanted.limited(-self.limit, self.limit)
+    }
+
     /// [`RigidInertia::slew_torque`] of a motor without a limit.
     #[inline(always)]
     pub fn wanted_torque(&self, extension: &Extension<T>, rate: T, accel: T) -> T {

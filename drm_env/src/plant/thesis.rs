@@ -555,4 +555,33 @@ impl<T: Lane> Prepared<T> {
             to_beta.negated_mul_add(theta, e_ab.mul_add(f_alpha, e_bb * f_beta)),
         ]
     }
+
+    /// q'' where the shoulder is held so that the slew angle accelerates by `accel` (rad/s^2), and the
+    /// torque that holds it (N m), in place of the slew motor's.
+    pub fn held_acceleration(
+        &self,
+        q: &[T; 3],
+        v: &[T; 3],
+        torques: &Torques<T>,
+        following: bool,
+        accel: T,
+    ) -> ([T; 3], T) {
+        let free = Torques {
+            slew: T::splat(0.0),
+            ..*torques
+        };
+        let [theta, alpha, beta] = self.acceleration(q, v, &free, following);
+        let (alpha2, beta2) = (q[1] * q[1], q[2] * q[2]);
+        let pivot = self
+            .b2
+            .negated_mul_add(beta2, self.a2.negated_mul_add(alpha2, self.pivot));
+        let change = accel - theta;
+        let [to_alpha, to_beta] = self.coupling;
+        let held = [
+            accel,
+            to_alpha.negated_mul_add(change, alpha),
+            to_beta.negated_mul_add(change, beta),
+        ];
+        (held, change * pivot)
+    }
 }

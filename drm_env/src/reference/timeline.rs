@@ -146,6 +146,36 @@ impl Timeline {
         Self { pieces }
     }
 
+    /// The same, cut at further instants (s), at which something else switches.
+    pub(crate) fn with_switches(mut self, switches: impl Iterator<Item = f64>) -> Self {
+        for start in switches {
+            let index = self.index(start);
+            let piece = self.pieces[index];
+            let u = start - piece.start;
+            if u < SAME_INSTANT {
+                continue;
+            }
+            let (reference, extension) = (piece.reference(u), piece.extension(u));
+            let [c0, c1, c2, c3] = piece.accel;
+            let cut = Piece {
+                start,
+                angle: reference.angle,
+                rate: reference.rate,
+                accel: [
+                    c0 + u * (c1 + u * (c2 + u * c3)),
+                    c1 + u * (2.0 * c2 + u * 3.0 * c3),
+                    c2 + u * 3.0 * c3,
+                    c3,
+                ],
+                extension: extension.length,
+                extension_rate: extension.rate,
+                extension_accel: extension.accel,
+            };
+            self.pieces.insert(index + 1, cut);
+        }
+        self
+    }
+
     /// Index of the piece in force at `time` (at a switch, the later one).
     pub fn index(&self, time: f64) -> usize {
         self.pieces
@@ -220,8 +250,12 @@ mod tests {
             prop_assert!((reference.angle - angle).abs() < 1e-12);
             prop_assert!((reference.rate - rate).abs() < 1e-12);
             prop_assert!((reference.accel - accel).abs() < 1e-11);
+            let cut = timeline.clone().with_switches([0.3, 7.0, t - 0.01, t].into_iter());
+            prop_assert!((cut.reference(t).angle - angle).abs() < 1e-12);
+            prop_assert!((cut.reference(t).rate - rate).abs() < 1e-12);
             let source = active(&d, t, |p| p.start);
             let (length, rate, _) = source.at(t - source.start);
+            prop_assert!((cut.extension(t).length - length).abs() < 1e-12);
             let extension = timeline.extension(t);
             prop_assert!((extension.length - length).abs() < 1e-12);
             prop_assert!((extension.rate - rate).abs() < 1e-12);

@@ -294,7 +294,7 @@ impl<'a> Recorder<'a> {
         let loaded = self.loaded[lane].as_mut()?;
         let mut loads = loaded.meter.at(&loaded.open.take()?, torques);
         if let Some(origin) = self.origins[lane] {
-            move_loads(&mut loads, origin.angle, origin.energy);
+            move_loads(&mut loads, origin.angle + origin.base, origin.energy);
         }
         loaded.sums.take(&loads);
         Some(loads)

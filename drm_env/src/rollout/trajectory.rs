@@ -133,7 +133,11 @@ pub(super) fn apply_torques<T: Number>(
 ) {
     row[SLEW_TORQUE..][..torques.len()].copy_from_slice(&torques);
     let motor = flight.fixed().current.lane_of(lane);
-    row[MOTOR_POWER] = motor.power(torques[0], row[REFERENCE_RATE], row[REFERENCE_ACCEL]);
+    row[MOTOR_POWER] = if flight.is_braked(lane) {
+        0.0
+    } else {
+        motor.power(torques[0], row[REFERENCE_RATE], row[REFERENCE_ACCEL])
+    };
 }
 
 /// Slew motor, root and tip wheel of a row, N m.
@@ -150,10 +154,10 @@ pub(super) fn move_row(row: &mut Row, (time, angle): (f64, f64)) {
 }
 
 /// The last row of a lane: wheel torques are those of the last sample; `driven` says that so is the
-/// slew motor's, which otherwise is the open loop's at this instant.
+/// slew motor's, which otherwise is the open loop's at this instant; and what holds the shoulder.
 pub(super) fn last_row<T: Number>(flight: &Flight<T>, lane: usize, driven: bool) -> Row {
     let [slew, root, tip] = flight.common.torques.lane_of(lane);
-    let slew = if driven {
+    let slew = if driven || flight.is_held(lane) {
         slew
     } else {
         let Clock {

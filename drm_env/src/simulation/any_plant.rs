@@ -149,6 +149,27 @@ impl<T: Number> Motion<T> {
         }
     }
 
+    /// Replaces slew angle and rate (rad, rad/s); what is seen follows when it is looked at.
+    pub fn set_slew(&mut self, angle: T, rate: T) {
+        let (q, v) = self.slew_mut();
+        *q = angle;
+        *v = rate;
+    }
+
+    fn slew_mut(&mut self) -> (&mut T, &mut T) {
+        match self {
+            Self::Thesis([theta, _, _, theta_rate, _, _]) => (theta, theta_rate),
+            Self::Consistent(seen) => (&mut seen.state.q[0], &mut seen.state.v[0]),
+        }
+    }
+
+    /// Turns the slew angle and its rate on by so much (rad, rad/s); what is seen follows when it is looked at.
+    pub fn turn(&mut self, angle: T, rate: T) {
+        let (q, v) = self.slew_mut();
+        *q += angle;
+        *v += rate;
+    }
+
     /// Replaces one lane by one of the same plant.
     pub fn put(&mut self, lane: usize, single: &Motion<f64>) {
         match (self, single) {
@@ -265,7 +286,7 @@ impl AnyPlant<f64> {
     }
 
     /// A motion with its slew angle told from another zero, `angle` further on (rad). `restart` lets the
-    /// integrator forget its accelerations, after a change of the arm.
+    /// integrator forget its accelerations, after a change of the arm or of what holds it.
     pub fn turned(
         &self,
         motion: &Motion<f64>,

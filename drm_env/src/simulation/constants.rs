@@ -61,6 +61,9 @@ pub(crate) struct LaneConstants<T> {
     pub(crate) current: CurrentGains<T>,
     /// Length of link 1, m.
     pub(crate) link1_length: T,
+    /// Momentum that brakes or motor have taken from the base or given to it beside the plan, N m s: what
+    /// the balance of angular momentum that laws know of has to leave out.
+    pub(super) stored: T,
 }
 
 laned!(LaneConstants {
@@ -73,6 +76,7 @@ laned!(LaneConstants {
     slew_end_time,
     current,
     link1_length,
+    stored,
 });
 
 impl LaneConstants<f64> {
@@ -95,6 +99,7 @@ impl LaneConstants<f64> {
             slew_end_time: plan.slew_end_time,
             current: plan.scenario.slew_motor.constants.gains(),
             link1_length: arm.link1.length,
+            stored: 0.0,
         }
     }
 }

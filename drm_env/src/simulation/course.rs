@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Flight;
 use crate::arm::PayloadProperties;
-use crate::config::mission::ValidMission;
+use crate::config::mission::{Ending, ValidMission};
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::{ConfigError, SnapshotError};
 use crate::math::rng::Stream;
@@ -35,7 +35,7 @@ pub struct LegRecord {
     pub angle: f64,
     /// Reported mass that the leg was planned for, kg.
     pub planned_mass: f64,
-    /// What a payload brought or took at the leg's beginning.
+    /// What a payload brought or took at the leg's beginning, and what brakes took that closed.
     pub exchange: Exchange,
     /// Sums of the reward's terms; 0 where nothing is paid.
     pub terms: [f64; 3],
@@ -62,6 +62,8 @@ pub struct CourseState {
     exchange: Exchange,
     terms: [f64; 3],
     records: Vec<LegRecord>,
+    /// Momentum of arm and wheels after the last leg in which brakes or motor have held the shoulder, N m s.
+    stored: f64,
 }
 
 /// Equations of motion with each payload of a mission.
@@ -90,6 +92,8 @@ pub(crate) struct Origin {
     pub(crate) angle: f64,
     /// Electrical energy of the slew motor until then, J.
     pub(crate) energy: f64,
+    /// Angle through which the base has turned, rad.
+    pub(crate) base: f64,
 }
 
 /// What comes after a period of a mission.
@@ -132,6 +136,7 @@ impl Course {
                 exchange: Exchange::default(),
                 terms: [0.0; 3],
                 records: Vec::new(),
+                stored: 0.0,
             },
             mission: Arc::new(mission),
         };
@@ -160,13 +165,22 @@ impl Course {
                 time: last.start,
                 angle: last.angle,
                 energy: energy(others),
+                base: self.base_angle(others.len()),
             },
             _ => Origin {
                 time: self.before as f64 * sample_period,
                 angle: self.angle,
                 energy: energy(records),
+                base: self.base_angle(records.len()),
             },
         }
+    }
+
+    /// Angle through which the base turns in the first legs that take time, rad.
+    fn base_angle(&self, legs: usize) -> f64 {
+        let legs = self.mission.legs().iter().take(legs);
+        let bases = legs.filter_map(|leg| leg.handling.base);
+        bases.map(|base| base.angle()).sum()
     }
 
     /// Place of the leg under way in the mission's list of legs; after the last one, their number.
@@ -209,7 +223,7 @@ impl Course {
             if scenario.slew.angle == 0.0 && from == to {
                 continue;
             }
-            let plan = Plan::of_leg(&leg.scenario, leg.deployment_start, self.mission.range());
+            let plan = Plan::of_leg(&leg.scenario, leg, self.mission.range());
             let (Ok(plan), Ok(samples)) = (plan, leg.samples(scenario, self.mission.period()))
             else {
                 continue;
@@ -297,14 +311,30 @@ impl Course {
         let sample = flight.common.sample as u64;
         let is_last = self.before + sample >= self.limit();
         let mut over = is_last || sample >= self.samples;
-        if let Some(rest) = leg.rest {
-            let slide = flight.reach() * flight.slew_error();
-            let (deflection, rate) = flight.tip_deflection();
-            let amplitude = libm::hypot(deflection, rate * VIBRATION_TIME);
-            let still = amplitude <= rest.deflection && slide.abs() <= rest.slew_error;
-            self.state.quiet = if still { self.state.quiet + 1 } else { 0 };
-            let seconds = (self.state.quiet * period) as f64 * flight.sample_period();
-            over |= still && seconds >= rest.quiet;
+        match leg.ending {
+            None => {}
+            Some(Ending::Rest {
+                deflection: most,
+                slew_error,
+                quiet,
+            }) => {
+                // what brakes hold does not come nearer
+                let slide = if flight.is_braked(0) {
+                    0.0
+                } else {
+                    flight.reach() * flight.slew_error()
+                };
+                let (deflection, rate) = flight.tip_deflection();
+                let amplitude = libm::hypot(deflection, rate * VIBRATION_TIME);
+                let still = amplitude <= most && slide.abs() <= slew_error;
+                self.state.quiet = if still { self.state.quiet + 1 } else { 0 };
+                let seconds = (self.state.quiet * period) as f64 * flight.sample_period();
+                over |= still && seconds >= quiet;
+            }
+            Some(Ending::Empty(momentum)) => {
+                let stored = flight.wheel_momenta().map(f64::abs);
+                over |= momentum > 0.0 && stored.into_iter().all(|stored| stored <= momentum);
+            }
         }
         if !over {
             return Turn::Same;
@@ -343,8 +373,11 @@ impl Course {
             self.state.leg = self.mission.legs().len();
             return Turn::Done;
         };
+        if flight.is_held(0) {
+            self.state.stored = flight.whole_momentum();
+        }
         let samples = self.samples_of(&plan.scenario);
-        let (next, exchange) = flight.continued(plan, body, other_payload);
+        let (next, exchange) = flight.continued(plan, body, other_payload, self.state.stored);
         self.state.exchange = exchange;
         self.samples = samples.unwrap_or(period);
         Turn::Next(Box::new(next))
@@ -353,7 +386,8 @@ impl Course {
     /// Takes what the balance of angular momentum tells of the payload now.
     fn learn(&mut self, flight: &Flight<f64>) {
         let [_, rate, ..] = flight.measured();
-        if rate.abs() < SLOWEST_IDENTIFICATION || flight.knows_no_payload() {
+        let handled = flight.handling_of(0).is_some();
+        if rate.abs() < SLOWEST_IDENTIFICATION || flight.knows_no_payload() || handled {
             return;
         }
         let learnt = &mut self.state.learnt;
@@ -378,7 +412,7 @@ impl Course {
             changed.reported_payload.width = Some(told.width);
             scenario = ValidScenario::new(changed)?;
         }
-        let plan = Plan::of_leg(&scenario, planned.deployment_start, self.mission.range())?;
+        let plan = Plan::of_leg(&scenario, planned, self.mission.range())?;
         let mut bodies = self.bodies.iter();
         let body = match bodies.find(|(payload, _)| *payload == plan.payload) {
             Some((_, body)) => body.clone(),
@@ -439,7 +473,8 @@ impl Course {
             .believed
             .is_none_or(|mass| mass.is_finite() && mass >= 0.0);
         let paid = state.terms.iter().all(|x| x.is_finite() && *x <= 0.0);
-        if !(believed && paid && sums.iter().all(|x| x.is_finite()) && state.learnt.weight >= 0.0) {
+        let finite = sums.iter().all(|x| x.is_finite()) && state.stored.is_finite();
+        if !(believed && paid && finite && state.learnt.weight >= 0.0) {
             return Err(damaged(&"its mission holds numbers that none has"));
         }
         // after the last leg the flight is still that of it
@@ -456,7 +491,8 @@ impl Course {
             state.believed
         };
         let (plan, body) = course.plan_leg(flying, believed).map_err(|e| damaged(&e))?;
-        let flight = Flight::with_body(plan, body, noise);
+        let mut flight = Flight::with_body(plan, body, noise);
+        flight.store(state.stored);
         course.before = before;
         course.angle = angle;
         course.state = state;

@@ -31,6 +31,7 @@ impl<T: Number> Flight<T> {
             plain: true,
             ideal: true,
             still: false,
+            handled: 0,
             modelled: None,
         };
         flight.refresh_flags();
@@ -95,6 +96,7 @@ impl<T: Number> Flight<T> {
             plain: manoeuvre.lines.is_none(),
             ideal: manoeuvre.ideal_wheels,
             still: manoeuvre.is_still(),
+            handled: u32::from(manoeuvre.handling.is_some()),
             modelled: None,
             manoeuvres: vec![manoeuvre],
         }
@@ -103,6 +105,10 @@ impl<T: Number> Flight<T> {
     pub(super) fn refresh_flags(&mut self) {
         self.plain = self.manoeuvres.iter().all(|m| m.lines.is_none());
         self.ideal = self.manoeuvres.iter().all(|m| m.ideal_wheels);
+        self.handled = 0;
+        for (lane, manoeuvre) in self.manoeuvres.iter().enumerate() {
+            self.handled |= u32::from(manoeuvre.handling.is_some()) << lane;
+        }
         self.look_at_pieces();
         if self.plain {
             self.measured = None;

@@ -82,6 +82,10 @@ pub(crate) struct LoadMeter {
     inertia: RigidInertia<f64>,
     link1_length: f64,
     sample_period: f64,
+    /// Whether brakes hold the shoulder in the motor's stead.
+    braked: bool,
+    /// Whether either holds it, whatever the plan wants.
+    held: bool,
 }
 
 /// A manoeuvre at one instant, before its torques are known.
@@ -122,6 +126,8 @@ impl LoadMeter {
             inertia: flight.fixed.inertia.lane_of(lane),
             link1_length: scenario.arm.link1.length,
             sample_period: flight.sample_period(),
+            braked: flight.is_braked(lane),
+            held: flight.is_held(lane),
         })
     }
 
@@ -130,7 +136,7 @@ impl LoadMeter {
         let clock = flight.clock.lane_of(lane);
         let power = flight.common.metrics.summed_power().lane(lane);
         Before {
-            motion: flight.motion.one(lane),
+            motion: flight.in_space(lane),
             extension: clock.extension,
             reference: clock.reference,
             momenta: [
@@ -141,7 +147,7 @@ impl LoadMeter {
         }
     }
 
-    /// The loads then, under the torques of slew motor, root and tip wheel (N m).
+    /// The loads then, under the torques of slew motor (or brakes), root and tip wheel (N m).
     pub(crate) fn at(&self, before: &Before, torques: [f64; 3]) -> Loads {
         let Before {
             motion,
@@ -196,13 +202,15 @@ impl LoadMeter {
             |[along, across]: [f64; 2]| [along * cos - across * sin, along * sin + across * cos];
         let [base_x, base_y] = turn(found.base);
         let [tip_x, tip_y] = turn([self.link1_length + extension.length, found.tip]);
-        let wanted = self
-            .inertia
-            .wanted_torque(extension, reference.rate, reference.accel);
-        let given = self
-            .inertia
-            .slew_torque(extension, reference.rate, reference.accel);
-        let current = self.current.current(slew, reference.rate, reference.accel);
+        let motor = if self.braked { 0.0 } else { slew };
+        let (rate, accel) = (reference.rate, reference.accel);
+        let wanted = if self.held {
+            motor
+        } else {
+            self.inertia.wanted_torque(extension, rate, accel)
+        };
+        let given = self.inertia.given(wanted);
+        let current = self.current.current(motor, reference.rate, reference.accel);
         let voltage =
             ARMATURE_RESISTANCE * current + BACK_EMF_CONSTANT * GEAR_RATIO * reference.rate;
         [
@@ -221,7 +229,7 @@ impl LoadMeter {
             momenta[1],
             tip_x,
             tip_y,
-            slew,
+            motor,
             reference.rate,
             current,
             voltage,

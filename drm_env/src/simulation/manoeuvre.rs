@@ -1,5 +1,6 @@
 //! What only one lane has.
 
+use crate::config::handling::Handling;
 use crate::hardware::delay::DelayLines;
 use crate::reference::timeline::Timeline;
 use crate::simulation::plan::ScenarioDelta;
@@ -15,6 +16,8 @@ pub(super) struct Manoeuvre {
     pub(super) ideal_wheels: bool,
     /// Delay lines and noise where there are any.
     pub(super) lines: Option<Box<DelayLines>>,
+    /// What a leg of a mission does beside its manoeuvre.
+    pub(super) handling: Option<Arc<Handling>>,
 }
 
 impl Manoeuvre {

@@ -8,6 +8,7 @@ mod continuation;
 pub(crate) mod controller;
 pub(crate) mod course;
 mod divergence;
+mod handled;
 pub(crate) mod hook;
 pub mod identification;
 mod lanes;
@@ -72,6 +73,8 @@ pub struct Flight<T: Number = f64> {
     ideal: bool,
     /// Whether the length is fixed in every lane, in the present piece.
     still: bool,
+    /// Lanes in a leg that does something beside its manoeuvre, a bit each: they fly alone.
+    handled: u32,
     /// The arm as a law that models it knows it; made when such a law first flies.
     modelled: Option<Box<Modelled<T>>>,
 }
@@ -154,7 +157,8 @@ impl<T: Number> Flight<T> {
         let [_, rate, ..] = self.measured();
         let reported = self.fixed.inertia.at(a);
         let payload = self.fixed.payload_inertia.at(a);
-        let wheels = self.common.root.momentum + self.common.tip.momentum;
+        let stored = self.common.root.momentum - self.fixed.stored;
+        let wheels = stored + self.common.tip.momentum;
         let momentum = reported.mul_add(self.clock.reference.rate, -wheels);
         mass_error(momentum, rate, reported, payload)
     }
@@ -173,7 +177,7 @@ impl<T: Number> Flight<T> {
             reference_rate: self.clock.reference.rate,
             reference_accel: self.clock.reference.accel,
             slew_torque: self.common.torques[0],
-            root_momentum: self.common.root.momentum,
+            root_momentum: self.common.root.momentum - self.fixed.stored,
             tip_momentum: self.common.tip.momentum,
         }
     }

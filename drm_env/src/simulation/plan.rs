@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use crate::arm::PayloadProperties;
 use crate::config::distribution::Setting;
+use crate::config::handling::Handling;
+use crate::config::mission::PlannedLeg;
 use crate::config::parameter::PARAMETERS;
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
@@ -31,6 +33,8 @@ pub struct Plan {
     pub(crate) root: Wheel,
     pub(crate) tip: Wheel,
     pub(crate) delays: Delays,
+    /// What a leg of a mission does beside its manoeuvre.
+    pub(crate) handling: Option<Arc<Handling>>,
 }
 
 /// A scenario kept in little room: as what it differs by from another one, if that tells it exactly.
@@ -89,27 +93,28 @@ impl Plan {
         let scenario = scenario.try_into().map_err(Into::into)?;
         let deployment = &scenario.deployment;
         let range = (deployment.start, deployment.final_extension());
-        Self::of_valid(&scenario, 0.0, range)
+        Self::of_valid(&scenario, None, range)
     }
 
-    /// Plans a leg of a mission: the length begins to change at `deployment_start` (s), and the equations
-    /// are made for the extensions in `range` (m).
+    /// Plans a leg of a mission that is flown as this scenario; the equations are made for the extensions in
+    /// `range` (m).
     ///
     /// # Errors
     /// A scenario that cannot be flown.
     pub(crate) fn of_leg(
         scenario: &ValidScenario,
-        deployment_start: f64,
+        leg: &PlannedLeg,
         range: (f64, f64),
     ) -> Result<Self, ConfigError> {
-        Self::of_valid(scenario, deployment_start, range)
+        Self::of_valid(scenario, Some(leg), range)
     }
 
     fn of_valid(
         scenario: &ValidScenario,
-        deployment_start: f64,
+        leg: Option<&PlannedLeg>,
         range: (f64, f64),
     ) -> Result<Self, ConfigError> {
+        let deployment_start = leg.map_or(0.0, |leg| leg.deployment_start);
         let payload = scenario.true_payload()?;
         let reported = scenario.reported()?;
         let duration = scenario.deployment_time(&reported);
@@ -118,12 +123,18 @@ impl Plan {
         if deployment_start > 0.0 {
             delay(&mut deployment, deployment_start);
         }
+        let late = [&root, &tip].map(|wheel| wheel.lag + wheel.dead_time);
+        let handling = leg.and_then(|leg| leg.handling.planned(late));
+        let mut timeline = Timeline::new(&scenario.slew.pieces(), &deployment);
+        if let Some(handling) = &handling {
+            timeline = timeline.with_switches(handling.switches());
+        }
         Ok(Self {
             range,
             scenario: **scenario,
             payload,
             reported,
-            timeline: Arc::new(Timeline::new(&scenario.slew.pieces(), &deployment)),
+            timeline: Arc::new(timeline),
             slew_end_time: scenario.slew.final_time(),
             delays: Delays {
                 root: scenario.delay_samples("root_wheel.dead_time", root.dead_time)?,
@@ -132,6 +143,7 @@ impl Plan {
             },
             root,
             tip,
+            handling: handling.map(Arc::new),
         })
     }
 

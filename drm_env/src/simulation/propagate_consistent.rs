@@ -99,14 +99,14 @@ impl<T: Number> Work for Implicit<'_, T> {
                     &torques,
                     &extension,
                     h,
-                    active,
+                    (active, None),
                 );
             } else {
                 for (lane, plant) in plants.iter().enumerate() {
                     let mut one = self.seen.state.lane(lane);
                     let torques = torques.lane_of(lane);
                     let extension = extension.lane_of(lane);
-                    plant.step_at(scheme, &mut one, &torques, &extension, h.lane(lane));
+                    plant.step_at(scheme, &mut one, &torques, &extension, h.lane(lane), None);
                     self.seen.state.set_lane(lane, &one);
                 }
             }

@@ -66,10 +66,12 @@ impl<T: Number> Flight<T> {
         T: Vector,
     {
         let (root, tip) = (self.fixed.root.torque, self.fixed.tip.torque);
-        let mut command = WheelTorques {
-            root: command.root.limited(-root, root),
-            tip: command.tip.limited(-tip, tip),
-        };
+        let mut command = *command;
+        if self.handled != 0 {
+            self.overrule(&mut command);
+        }
+        command.root = command.root.limited(-root, root);
+        command.tip = command.tip.limited(-tip, tip);
         if !self.plain {
             self.send(&mut command);
         }
@@ -79,7 +81,10 @@ impl<T: Number> Flight<T> {
         let (now_rate, now_accel) = (self.clock.reference.rate, self.clock.reference.accel);
         self.integrate(&command, slew, carried);
         let [slew_torque, root_torque, tip_torque] = self.common.torques;
-        let power = self.fixed.current.power(slew_torque, now_rate, now_accel);
+        let mut power = self.fixed.current.power(slew_torque, now_rate, now_accel);
+        if self.handled != 0 {
+            self.rest_motor(&mut power);
+        }
 
         self.common.sample += one;
         self.tick();
@@ -114,8 +119,8 @@ impl<T: Number> Flight<T> {
         }
     }
 
-    /// Integrates over one sample period. Lanes in which reference or extension switch within it fly
-    /// alone, cut there.
+    /// Integrates over one sample period. Lanes in which reference or extension switch within it, or whose
+    /// leg does more than its manoeuvre, fly alone.
     #[inline(always)]
     pub(super) fn integrate(
         &mut self,
@@ -126,7 +131,7 @@ impl<T: Number> Flight<T> {
         T: Vector,
     {
         let end = (self.common.sample + 1.0) * self.shared.sample_period;
-        let alone = self.clock.piece_end.below(end).bits() & !self.resting;
+        let alone = (self.clock.piece_end.below(end).bits() | self.handled) & !self.resting;
         let mut cuts = Vec::new();
         for lane in lanes_of(alone) {
             let command = WheelTorques {
@@ -134,7 +139,11 @@ impl<T: Number> Flight<T> {
                 tip: command.tip.lane(lane),
             };
             let slew = slew.map(|torque| torque.lane(lane));
-            cuts.push((lane, self.fly_alone(lane, &command, slew)));
+            let cut = match self.handling_of(lane) {
+                None => self.fly_alone(lane, self.motion.one(lane), &command, slew),
+                Some(handling) => self.fly_handled(lane, handling, &command, slew),
+            };
+            cuts.push((lane, cut));
         }
         if alone != everyone::<T>() {
             let start = self.clock.time;
@@ -207,11 +216,12 @@ impl<T: Number> Flight<T> {
         }
     }
 
-    /// One lane over one sample period, cut where reference or extension switch.
+    /// One lane over one sample period from a motion on, cut where reference or extension switch.
     #[inline(never)]
     pub(super) fn fly_alone(
         &self,
         lane: usize,
+        motion: Motion<f64>,
         command: &WheelTorques<f64>,
         slew: Option<f64>,
     ) -> Cut {
@@ -221,7 +231,7 @@ impl<T: Number> Flight<T> {
         let fixed = self.fixed.lane_of(lane);
         let body = self.body.one(lane);
         let mut result = Cut {
-            motion: self.motion.one(lane),
+            motion,
             root: self.common.root.lane_of(lane),
             tip: self.common.tip.lane_of(lane),
             torques: [0.0; 3],

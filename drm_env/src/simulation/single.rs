@@ -67,6 +67,7 @@ impl Flight<f64> {
             plain: true,
             ideal: true,
             still: false,
+            handled: 0,
             modelled: None,
             manoeuvres: vec![Manoeuvre {
                 scenario: ScenarioDelta::Whole(Box::new(plan.scenario)),
@@ -74,6 +75,7 @@ impl Flight<f64> {
                 ideal_wheels: plan.has_ideal_wheels(),
                 timeline: plan.timeline,
                 lines,
+                handling: plan.handling,
             }],
         };
         flight.refresh_flags();
@@ -191,8 +193,8 @@ impl Flight<f64> {
             };
         };
         let extension = &self.clock.extension;
-        self.body
-            .energy(&self.motion, extension, &scenario, &payload)
+        let motion = self.in_space(0);
+        self.body.energy(&motion, extension, &scenario, &payload)
     }
 
     /// Metrics of the flight so far; see [`Metrics`] for those of one that has left the limits of

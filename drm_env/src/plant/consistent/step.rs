@@ -42,6 +42,11 @@ pub struct ConsistentState<T = f64> {
 }
 
 impl<T: Lane> ConsistentState<T> {
+    /// Lets the integrator begin anew, where what holds the shoulder changes at once.
+    pub(crate) fn restart(&mut self) {
+        *self = Self::new(self.q, self.v);
+    }
+
     /// At the beginning of a flight.
     pub fn new(q: [T; CAPACITY], v: [T; CAPACITY]) -> Self {
         let zero = T::splat(0.0);
@@ -250,7 +255,8 @@ impl<T: Lane> ConsistentLanes<T> {
     /// Advances `state` by a step of length `h` (s), under torques at its beginning, middle and end
     /// (N m), where `active` is 1; where it is 0 a lane keeps its state. `extension` is that at the
     /// scheme's balance point, and its acceleration that of the whole step. Torques and extension
-    /// acceleration may jump between steps: second order is kept.
+    /// acceleration may jump between steps: second order is kept. `held` is the angular acceleration (rad/s^2)
+    /// at the beginning and at the balance point of a shoulder that is held, in the motor's stead.
     ///
     /// To be inlined into a function compiled for a processor with fused multiply-add; without, the
     /// bits are the same and the time is not.
@@ -262,7 +268,7 @@ impl<T: Lane> ConsistentLanes<T> {
         torques: &[Torques<T>; 3],
         extension: &Extension<T>,
         h: T,
-        active: T,
+        (active, held): (T, Option<[T; 2]>),
     ) {
         const S2: usize = Slots::new(2).count;
         const S4: usize = Slots::new(4).count;
@@ -270,7 +276,7 @@ impl<T: Lane> ConsistentLanes<T> {
         const S8: usize = Slots::new(8).count;
         // the usual numbers of modes on their own, all others by the room that they need
         let modes = self.arm.modes();
-        let args = (scheme, torques, extension, h, active);
+        let args = (scheme, torques, extension, h, active, held);
         match modes {
             (4, 4) => self.step_of::<9, S4, 10>((4, 4), state, args),
             (2, 2) if T::WIDTH != 2 => self.step_of::<5, S2, 3>((2, 2), state, args),
@@ -306,7 +312,7 @@ impl<T: Lane> ConsistentLanes<T> {
         &self,
         modes: (usize, usize),
         state: &mut ConsistentState<T>,
-        (scheme, torques, extension, h, active): Arguments<'_, T>,
+        (scheme, torques, extension, h, active, held): Arguments<'_, T>,
     ) {
         let size = (1 + modes.0 + modes.1).min(N);
         let zero = T::splat(0.0);
@@ -364,12 +370,13 @@ impl<T: Lane> ConsistentLanes<T> {
             turning_rate,
             spin: &spin,
             turned: &turned,
+            held: held.map(|[_, balanced]| balanced),
         };
         let last = &state.drive;
         let new_slew = (begin.slew - last.slew) + (begin.root - last.root);
         let new_tip = begin.tip - last.tip;
         let start = T::splat(1.0) - started;
-        let first;
+        let mut first;
         let jump = if any(change) || any(start) {
             // where the flight goes on, the change of the force and of what a'' multiplies; where it
             // starts, all of the equations
@@ -397,6 +404,7 @@ impl<T: Lane> ConsistentLanes<T> {
                 turning_rate: zero.where_set(started, turning_rate),
                 spin: &spin,
                 turned: &turned,
+                held: held.map(|[begin, _]| zero.where_set(started, begin)),
             };
             let mut still = motion.v;
             for v in &mut still {
@@ -409,6 +417,9 @@ impl<T: Lane> ConsistentLanes<T> {
             }
         } else if any(new_slew) || any(new_tip) {
             first = terms.force(new_slew, new_tip);
+            if held.is_some() {
+                first[0] = zero;
+            }
             Jump::Change {
                 change: &first,
                 started,
@@ -432,13 +443,14 @@ impl<T: Lane> ConsistentLanes<T> {
     }
 }
 
-/// Scheme, torques, extension, length of the step, active lanes.
+/// Scheme, torques, extension, length of the step, active lanes, accelerations of a held shoulder.
 type Arguments<'a, T> = (
     &'a GeneralizedAlpha,
     &'a [Torques<T>; 3],
     &'a Extension<T>,
     T,
     T,
+    Option<[T; 2]>,
 );
 
 /// The equations of a step.
@@ -459,6 +471,8 @@ struct Balance<'a, T, const N: usize, const S: usize, const P: usize> {
     spin: &'a Spin<T, N>,
     /// At the beginning.
     turned: &'a Turned<T, N>,
+    /// Angular acceleration of a shoulder that is held: its equation takes the place of the slew angle's.
+    held: Option<T>,
 }
 
 impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
@@ -511,6 +525,10 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
                 }
             }
         }
+        if self.held.is_some() {
+            out[0] = [T::splat(0.0); N];
+            out[0][0] = mass;
+        }
     }
 
     #[inline(always)]
@@ -550,6 +568,9 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
         for (rest, force) in rest.iter_mut().zip(&self.force).take(size) {
             *rest = *force - *rest;
         }
+        if let Some(accel) = self.held {
+            rest[0] = accel;
+        }
         rest
     }
 
@@ -576,6 +597,9 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
             let own = grown.mul_add(spin.growth[i], faster * now.force[i]);
             missed[i] = spin.row[i].mul_add(whole, own);
         }
+        if self.held.is_some() {
+            missed[0] = T::splat(0.0);
+        }
         Some(missed)
     }
 }
@@ -595,10 +619,11 @@ impl ConsistentPlant {
         h: f64,
     ) {
         let extension = piece.extension(from + scheme.balance_point() * h);
-        self.step_at(scheme, state, torques, &extension, h);
+        self.step_at(scheme, state, torques, &extension, h, None);
     }
 
-    /// [`ConsistentPlant::step`] with the extension at the scheme's balance point.
+    /// [`ConsistentPlant::step`] with the extension at the scheme's balance point; see
+    /// [`ConsistentLanes::step`] for `held`.
     pub(crate) fn step_at(
         &self,
         scheme: &GeneralizedAlpha,
@@ -606,15 +631,17 @@ impl ConsistentPlant {
         torques: &[Torques<f64>; 3],
         extension: &Extension<f64>,
         h: f64,
+        held: Option<[f64; 2]>,
     ) {
         #[cfg(target_arch = "x86_64")]
         {
             if Instructions::detect() >= Instructions::Avx2 {
                 // SAFETY: the processor has the features that the function is compiled for
-                return unsafe { self.step_avx2(scheme, state, torques, extension, h) };
+                return unsafe { self.step_avx2(scheme, state, torques, extension, h, held) };
             }
         }
-        self.lanes.step(scheme, state, torques, extension, h, 1.0);
+        self.lanes
+            .step(scheme, state, torques, extension, h, (1.0, held));
     }
 
     /// What the equations say of a state under torques, whatever the integrator has made of it.
@@ -654,8 +681,10 @@ impl ConsistentPlant {
         torques: &[Torques<f64>; 3],
         extension: &Extension<f64>,
         h: f64,
+        held: Option<[f64; 2]>,
     ) {
-        self.lanes.step(scheme, state, torques, extension, h, 1.0);
+        self.lanes
+            .step(scheme, state, torques, extension, h, (1.0, held));
     }
 }
 
@@ -720,6 +749,7 @@ impl ConsistentLanes<f64> {
             turning_rate,
             spin: &spin,
             turned: &turned,
+            held: None,
         };
         let mut factors = [[0.0; N]; N];
         balance.effective(1.0, 0.0, 0.0, &mut factors);

@@ -199,10 +199,10 @@ fn fly_pack<T: Lane, const USUAL: bool>(
         }
         if USUAL {
             const S4: usize = Slots::new(4).count;
-            let args = (&scheme, &torques, &extension, h, active);
+            let args = (&scheme, &torques, &extension, h, active, None);
             lanes.step_of::<9, S4, 10>((4, 4), &mut state, args);
         } else {
-            lanes.step(&scheme, &mut state, &torques, &extension, h, active);
+            lanes.step(&scheme, &mut state, &torques, &extension, h, (active, None));
         }
         let outputs = lanes.outputs(&state, &extension);
         for (lane, single) in singles.iter().enumerate() {
