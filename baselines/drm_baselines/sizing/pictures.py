@@ -36,7 +36,8 @@ def plot_requirements(
         axis.step(values, 100.0 * part, where="post", color=OKABE_ITO["blue"], linewidth=1.2)
         axis.axvspan(
             each.low,
-            min(each.high, each.largest),
+            # not a number where the interval has no upper end
+            float(np.fmin(each.high, each.largest)),
             color=OKABE_ITO["sky blue"],
             alpha=0.4,
             linewidth=0.0,
