@@ -32,7 +32,7 @@ def test_names_are_those_of_the_rows_and_columns(model: drm_env.Model) -> None:
     k = model.matrices(4.0).M.shape[0]
     assert linear.A.shape == (2 * k, 2 * k)
     assert linear.B.shape == (2 * k, 3)
-    assert linear.C.shape == (6, 2 * k)
+    assert linear.C.shape == (7, 2 * k)
     assert len(linear.states) == 2 * k
     assert len(set(linear.states)) == 2 * k
     assert linear.states[0] == "slew_angle"
@@ -47,6 +47,7 @@ def test_names_are_those_of_the_rows_and_columns(model: drm_env.Model) -> None:
         "link2_deflection_rate",
         "tip_deflection",
         "tip_deflection_rate",
+        "tip_turn_rate",
     )
 
 

@@ -207,7 +207,7 @@ impl PlannedLeg {
         } else {
             0.0
         };
-        Ok(scenario.slew.final_time().max(deployment))
+        Ok(scenario.slew_time(self.deployment_start)?.max(deployment))
     }
 
     /// Samples in the leg where it is flown as `scenario`, if nothing ends it before: whole multiples of
