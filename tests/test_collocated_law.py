@@ -83,7 +83,10 @@ def test_a_filtered_law_follows_slowly(name: str, order: int) -> None:
     plain = {"name": name, "tip": None}
     if name == "lyapunov":
         plain["root"] = {"acceleration_gain": 0.0}
-    filtered = {**plain, "root": {**plain.get("root", {}), "filter": {"cutoff": 5.0, "order": order}}}
+    filtered = {
+        **plain,
+        "root": {**plain.get("root", {}), "filter": {"cutoff": 5.0, "order": order}},
+    }
     control = drm_env.ControlLaw(filtered, control_period=0.002)
     seen = np.zeros((1, len(COLUMNS)))
     seen[0, COLUMNS.index("extension")] = 4.0
@@ -115,6 +118,7 @@ def test_filters_that_there_are_not_are_refused(law: dict[str, Any], named: str)
 
 def test_the_gyro_has_noise_of_its_own() -> None:
     """It moves no other noise."""
+
     def told(**sensors: float) -> np.ndarray:
         rows: list[np.ndarray] = []
 

@@ -1,4 +1,4 @@
-"""Input shaping: what the lowest mode has left, against the oscillator's exact answer, and times and angles."""
+"""Input shaping: what is left of the lowest mode, against the oscillator's exact answer."""
 
 from __future__ import annotations
 
@@ -116,6 +116,7 @@ def test_a_deploying_arm_ends_at_its_angle_with_less_vibration(
 
 def test_the_shaper_is_told_the_reported_mass() -> None:
     """Two payloads that are reported alike get the same reference."""
+
     def reference(mass: float, error: float) -> np.ndarray:
         scenario = {
             "plant": "consistent",

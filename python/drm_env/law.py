@@ -31,7 +31,8 @@ class ControlLaw:
     Parameters
     ----------
     law
-        ``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``, ``"collocated"`` or a mapping of a law's parameters.
+        ``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``, ``"collocated"`` or a mapping of a
+        law's parameters.
     task, config, **options
         as for `DrmEnv`: the control period, the arm and the layout of the
         observation are read from them.
@@ -85,7 +86,7 @@ class ControlLaw:
 
     @property
     def needs_tip_rate(self) -> bool:
-        """Whether it feeds back ``tip_turn_rate``, of the gyro at the tip wheel, which no observation holds."""
+        """Whether it feeds back ``tip_turn_rate``: of the gyro at the tip, in no observation."""
         return self._law.needs_tip_rate
 
     @property
@@ -108,8 +109,8 @@ class ControlLaw:
         Returns
         -------
         measurements
-            Shape (n, len(MEASUREMENTS)); ``tip_turn_rate``, which no observation holds, is 0 for a law
-            that does not want it.
+            Shape (n, len(MEASUREMENTS)); ``tip_turn_rate``, which no observation holds, is 0 for a
+            law that does not want it.
 
         Raises
         ------

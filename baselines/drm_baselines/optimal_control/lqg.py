@@ -1,4 +1,4 @@
-"""A linear-quadratic-Gaussian law for the flexible arm, scheduled over extension and identified mass.
+"""A linear-quadratic-Gaussian law for the flexible arm, scheduled over length and identified mass.
 
 For each extension and mass of a grid the undeflected arm (:class:`drm_env.Model`, the consistent
 plant) is written in its modes, of which the lowest are kept. The regulator weighs the error of the
@@ -52,8 +52,9 @@ STATE = (
     "tip_momentum",
     "started",
 )
-"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance, turns of
-the shoulder's tangent by the modes (rad, rad/s), torques (N m) and momenta (N m s) of the wheels."""
+"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance, turns
+of the shoulder's tangent by the modes (rad, rad/s), torques (N m) and momenta (N m s) of the
+wheels."""
 
 _LARGEST_MASS_ERROR = 0.25
 
@@ -73,8 +74,8 @@ class Lqg:
     torque_noise
         Torques at the shoulder and at the tip that the observer does not know, N m.
     rate_noise
-        Error of the measured slew rate, rad/s, as the observer of the modes believes it: sensors and
-        modes that are left out.
+        Error of the measured slew rate, rad/s, as the observer of the modes believes it: sensors
+        and modes that are left out.
     deflection_rate_noise
         Of the measured rate of link 2's deflection, m/s, likewise.
     angle_deviation, angle_drift, mass_deviation
@@ -141,7 +142,9 @@ class LqgLaw:
     @cached_property
     def _table(self) -> tuple[_Array, dict[str, tuple[slice, tuple[int, ...]]]]:
         """Everything on the grid, shape (masses, extensions, numbers), and where it stands."""
-        nodes = [[_node(a, mass, self.settings, self.limits) for a in EXTENSIONS] for mass in MASSES]
+        nodes = [
+            [_node(a, mass, self.settings, self.limits) for a in EXTENSIONS] for mass in MASSES
+        ]
         places: dict[str, tuple[slice, tuple[int, ...]]] = {}
         at = 0
         for name, value in nodes[0][0].items():
@@ -230,7 +233,8 @@ class LqgLaw:
         cos, sin = np.cos(w * h[:, None]), np.sin(w * h[:, None])
         decay = np.exp(-s.damping_ratio * w * h[:, None])
         rest = (
-            design["input"][:, :, 0] * shoulder[:, None] + design["input"][:, :, 1] * tip_torque[:, None]
+            design["input"][:, :, 0] * shoulder[:, None]
+            + design["input"][:, :, 1] * tip_torque[:, None]
         ) / w**2
         away, speed = modes[:, :, 0] - rest, modes[:, :, 1]
         position = rest + decay * (away * cos + speed / w * sin)
@@ -298,9 +302,7 @@ def _inertia(
     reach = l1 + extension
     inner = reach - l2
     density = _ARM.link2.mass_per_length
-    arm = (
-        _ARM.link1.mass_per_length * l1**3 / 3.0 + density * (reach**3 - inner**3) / 3.0
-    )
+    arm = _ARM.link1.mass_per_length * l1**3 / 3.0 + density * (reach**3 - inner**3) / 3.0
     own = mass * (length**2 + width**2) / 12.0 + mass * length**2 / 4.0
     payload = own + mass * reach * (reach + length)
     return arm, payload, density * (reach**2 - inner**2), mass * (2.0 * reach + length)

@@ -230,9 +230,7 @@ def law_data(name: str, **parameters: Any) -> dict[str, Any]:
             "learned": "a network",
             "controller": "a controller that plans or observes",
             "shaped law": "a law and a manoeuvre",
-        }.get(
-            found.kind, "what no policy can be better than"
-        )
+        }.get(found.kind, "what no policy can be better than")
         raise PolicyError(f"{name!r} is {what} and no law; laws are {known}")
     return {"name": name, **parameters}
 
@@ -273,7 +271,7 @@ def law_pilot(name: str) -> LawPilot:
 
 
 class ShapedPilot(LawPilot):
-    """A law that flies every manoeuvre with its slew shaped, which ends later by the shaper's length.
+    """A law that flies every manoeuvre with its slew shaped: it ends later by the shaper's length.
 
     Parameters
     ----------

@@ -10,4 +10,12 @@ from drm_baselines.stability.closed_loop import (
     stability_map,
 )
 
-__all__ = ["STABLE", "Loop", "StabilityMap", "Stepped", "closed_loop", "growth_rate", "stability_map"]
+__all__ = [
+    "STABLE",
+    "Loop",
+    "StabilityMap",
+    "Stepped",
+    "closed_loop",
+    "growth_rate",
+    "stability_map",
+]

@@ -65,7 +65,6 @@ class Stepped(Protocol):
         """Return torques (n, 2), N m, and the new memory."""
 
 
-
 @dataclass(frozen=True, kw_only=True)
 class Loop:
     """What is in the loop besides arm, payload and law.

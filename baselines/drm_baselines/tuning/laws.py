@@ -125,7 +125,7 @@ _FORMS: dict[str, tuple[str, dict[str, Any]]] = {
         },
     ),
 }
-"""Laws that are another one's with parts that are not searched: its name in the engine, and the parts."""
+"""Laws that have parts which are not searched: name in the engine, and the parts."""
 
 _JUDGED_EXTENSIONS, _JUDGED_MASSES = (1.0, 3.0, 8.0), (50.0, 500.0)
 """Where a law has to be stable to be flown on a flexible arm, m and kg."""

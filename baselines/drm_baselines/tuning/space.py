@@ -69,8 +69,6 @@ class Dimension:
                 "integer": self.integer, "start": self.start}  # fmt: skip
 
 
-
-
 def _cutoff(wheel: str, start: float) -> Dimension:
     return Dimension(
         name=f"{wheel}.filter.cutoff",
