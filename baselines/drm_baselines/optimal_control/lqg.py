@@ -52,8 +52,8 @@ STATE = (
     "tip_momentum",
     "started",
 )
-"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance, turns
-of the shoulder's tangent by the modes (rad, rad/s), torques (N m) and momenta (N m s) of the
+"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance (in units
+of ``angle_deviation`` and ``mass_deviation``), turns of the shoulder's tangent by the modes (rad, rad/s), torques (N m) and momenta (N m s) of the
 wheels."""
 
 _LARGEST_MASS_ERROR = 0.25
@@ -88,8 +88,8 @@ class Lqg:
         Of the modes as the law believes it.
     """
 
-    root_effort: float = 10.0
-    tip_effort: float = 10.0
+    root_effort: float = 30.0
+    tip_effort: float = 100.0
     rate: float = 1.0
     vibration: float = 0.3
     torque_noise: tuple[float, float] = (30.0, 3.0)
@@ -98,7 +98,7 @@ class Lqg:
     angle_deviation: float = 1e-4
     angle_drift: float = 2e-6
     mass_deviation: float = 0.1
-    period: float = 0.01
+    period: float = 0.004
     lag: float = 0.005
     delay: float = 0.002
     damping_ratio: float = 0.005
@@ -206,7 +206,11 @@ class LqgLaw:
         design = self._at(extension, reported * (1.0 + memory[:, 1]))
 
         # the arm as a whole: angle error and mass
-        error, mass, p, q, r = memory[:, :5].T
+        units = np.array(
+            [s.angle_deviation**2, s.angle_deviation * s.mass_deviation, s.mass_deviation**2]
+        )
+        error, mass = memory[:, :2].T
+        p, q, r = (memory[:, 2:5] * units).T
         p = np.where(begun > 0.0, p, 1e-10)
         r = np.where(begun > 0.0, r, s.mass_deviation**2)
         believed = whole_reported + payload * mass
@@ -278,7 +282,8 @@ class LqgLaw:
         kept = np.exp(-s.period / s.lag) if s.lag > 0.0 else 0.0
         after = np.concatenate(
             [
-                np.stack([error, mass, p, q, r], axis=1),
+                np.stack([error, mass], axis=1),
+                np.stack([p, q, r], axis=1) / units,
                 np.stack([position, speed], axis=2).reshape(-1, 2 * MODES),
                 kept * applied + (1.0 - kept) * given,
                 told["root_momentum"][:, None],

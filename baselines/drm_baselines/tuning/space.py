@@ -223,28 +223,28 @@ GAINS: dict[str, tuple[Dimension, ...]] = {
     ),
     "collocated": (
         Dimension(
-            name="root.frequency", unit="rad/s", low=0.02, high=2.0, start=0.2,
+            name="root.frequency", unit="rad/s", low=0.02, high=2.0, start=0.1,
             reason="slower than a flight, up to nearly the slowest mode",
         ),
         Dimension(
-            name="root.damping", unit="1", low=0.3, high=10.0, start=1.0,
+            name="root.damping", unit="1", low=0.3, high=10.0, start=0.5,
             reason="from an overshoot to a slow return",
         ),
         _cutoff("root", 3.0),
         Dimension(
-            name="tip.turn_gain.0.0", unit="N m s/rad", low=1.0, high=1e5, start=300.0,
+            name="tip.turn_gain.0.0", unit="N m s/rad", low=1.0, high=1e5, start=100.0,
             reason="as for linear_collocated",
         ),
         Dimension(
-            name="tip.turn_gain.0.1", unit="N m s/rad", low=1.0, high=1e5, start=30.0,
+            name="tip.turn_gain.0.1", unit="N m s/rad", low=1.0, high=1e5, start=10.0,
             reason="as above, for the length",
         ),
         Dimension(
-            name="tip.turn_gain.1.0", unit="N m s/rad", low=1.0, high=1e5, start=30.0,
+            name="tip.turn_gain.1.0", unit="N m s/rad", low=1.0, high=1e5, start=10.0,
             reason="as above, for the mass",
         ),
         Dimension(
-            name="tip.turn_gain.1.1", unit="N m s/rad", low=1.0, high=1e5, start=30.0,
+            name="tip.turn_gain.1.1", unit="N m s/rad", low=1.0, high=1e5, start=10.0,
             reason="as above, for both",
         ),
         _cutoff("tip", 30.0),

@@ -35,7 +35,7 @@ pub struct CollocatedRoot {
 impl Default for CollocatedRoot {
     fn default() -> Self {
         Self {
-            frequency: 0.2,
+            frequency: 0.1,
             damping: 1.0,
             filter: Some(LowPass {
                 cutoff: 2.0,
