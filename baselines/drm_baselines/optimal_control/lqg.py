@@ -52,9 +52,9 @@ STATE = (
     "tip_momentum",
     "started",
 )
-"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance (in units
-of ``angle_deviation`` and ``mass_deviation``), turns of the shoulder's tangent by the modes (rad, rad/s), torques (N m) and momenta (N m s) of the
-wheels."""
+"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance (units of
+``angle_deviation`` and ``mass_deviation``), turns of the shoulder's tangent by the modes (rad,
+rad/s), torques (N m) and momenta (N m s) of the wheels."""
 
 _LARGEST_MASS_ERROR = 0.25
 
@@ -93,8 +93,8 @@ class Lqg:
     rate: float = 1.0
     vibration: float = 0.3
     torque_noise: tuple[float, float] = (30.0, 3.0)
-    rate_noise: float = 2e-3
-    deflection_rate_noise: float = 2e-2
+    rate_noise: float = 5e-3
+    deflection_rate_noise: float = 5e-2
     angle_deviation: float = 1e-4
     angle_drift: float = 2e-6
     mass_deviation: float = 0.1
