@@ -182,7 +182,7 @@ def test_copies_are_found(tmp_path: Path) -> None:
     module = tmp_path / "module.py"
     module.write_text(
         "P1 = (200.0, 1.0, 0.5)\n_LAW_PERIOD = 2e-3\nLAWS = ('none', 'linear', 'lyapunov', "
-        "'scheduled', 'servo')\nFINE = {'slew_error': 1e-5, 'slew_error_rate': 1e-5, "
+        "'scheduled', 'servo', 'collocated')\nFINE = {'slew_error': 1e-5, 'slew_error_rate': 1e-5, "
         "'link2_deflection': 1e-5, 'link2_deflection_rate': 1e-4}\n"
     )
     assert len(copies(module)) == 4

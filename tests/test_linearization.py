@@ -32,7 +32,7 @@ def test_names_are_those_of_the_rows_and_columns(model: drm_env.Model) -> None:
     k = model.matrices(4.0).M.shape[0]
     assert linear.A.shape == (2 * k, 2 * k)
     assert linear.B.shape == (2 * k, 3)
-    assert linear.C.shape == (6, 2 * k)
+    assert linear.C.shape == (7, 2 * k)
     assert len(linear.states) == 2 * k
     assert len(set(linear.states)) == 2 * k
     assert linear.states[0] == "slew_angle"
@@ -47,6 +47,7 @@ def test_names_are_those_of_the_rows_and_columns(model: drm_env.Model) -> None:
         "link2_deflection_rate",
         "tip_deflection",
         "tip_deflection_rate",
+        "tip_turn_rate",
     )
 
 
@@ -82,7 +83,8 @@ def test_eigenvalues_at_rest_are_the_natural_frequencies(model: drm_env.Model) -
 
 def test_thesis_outputs_are_twice_the_coordinates() -> None:
     state = np.array([0.3, 0.01, -0.02, 0.1, 0.03, 0.04])
-    expected = [0.3, 0.1, -0.04, 0.08, -0.02, 0.14]
+    # the gyro at the tip: the slew rate and 3/a beta'
+    expected = [0.3, 0.1, -0.04, 0.08, -0.02, 0.14, 0.1 + 0.75 * 0.04]
     np.testing.assert_allclose(drm_env.Model().linearize(4.0).C @ state, expected, rtol=1e-14)
 
 

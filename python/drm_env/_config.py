@@ -41,6 +41,10 @@ SlewProfile: TypeAlias = Literal["min_time", "min_energy", "table"]
 """Family of slew acceleration profile."""
 
 
+ShaperKind: TypeAlias = Literal["none", "zv", "zvd"]
+"""Kind of shaper."""
+
+
 DeploymentMode: TypeAlias = Literal["coincident", "force_limited", "none"]
 """How the length of the arm changes."""
 
@@ -103,7 +107,7 @@ MotorConstants: TypeAlias = Literal["fitted", "printed"]
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """Errors of the four measured outputs; all zero is exact."""
+    """Errors of the measured outputs; all zero is exact."""
 
     angle_noise: float = 0.0
     """Standard deviation of the slew angle's noise, rad."""
@@ -121,8 +125,12 @@ class Sensors:
     """Quantum of the link-2 tip deflection, m; 0 is none."""
     deflection_rate_resolution: float = 0.0
     """Quantum of the link-2 tip deflection rate, m/s; 0 is none."""
+    tip_rate_noise: float = 0.0
+    """Standard deviation of the noise of the gyro at the tip wheel, rad/s."""
+    tip_rate_resolution: float = 0.0
+    """Quantum of it, rad/s; 0 is none."""
     delay: float = 0.0
-    """Delay of all four, s, rounded to whole samples."""
+    """Delay of all of them, s, rounded to whole samples."""
 
 
 PlantModel: TypeAlias = Literal["thesis", "consistent"]
@@ -183,21 +191,28 @@ class ServoLaw:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearRoot:
-    """Gains of the root wheel."""
+class LowPass:
+    """A low-pass filter."""
 
-    rate_gain: float = 80000.0
-    """On the slew rate error, N m s/rad."""
-    angle_gain: float = 8000.0
-    """On the slew error, N m/rad."""
+    cutoff: float = 10.0
+    """Angular frequency where it cuts off, rad/s."""
+    order: int = 2
+    """Order, 1 or 2."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearTip:
-    """Gain of the tip wheel."""
+    """Gains of the tip wheel."""
 
     rate_gain: float = 500.0
     """On beta' (half the rate of link 2's tip deflection), N s."""
+    turn_gain: float = 0.0
+    """
+    On the rate at which the tip turns, less that of the reference, N m s/rad: what the wheel works on, so
+    that it takes energy out of every mode.
+    """
+    filter: LowPass | None = None
+    """Filter of what is fed back (thesis section 3.4.2); null is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,6 +225,8 @@ class LyapunovRoot:
     """J2, on the slew error, N m/rad."""
     acceleration_gain: float = 0.0002
     """J3, on the inertial moment of link 2 and payload."""
+    filter: LowPass | None = None
+    """Filter of the slew rate error; null is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,6 +235,8 @@ class LyapunovTip:
 
     gain: float = 1.0
     """On Jtb beta', 1/s."""
+    filter: LowPass | None = None
+    """Filter of the deflection's rate (thesis section 3.4.2); null is none."""
 
 
 AngleGainItem: TypeAlias = tuple[float, float, float, float]
@@ -258,6 +277,34 @@ class ScheduledWheel:
         DeflectionRateGainItem, DeflectionRateGainItem, DeflectionRateGainItem
     ] = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
     """On its rate, N s, likewise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollocatedRoot:
+    """Feedback to the root wheel."""
+
+    frequency: float = 0.1
+    """Angular frequency of the arm as a whole, rad/s."""
+    damping: float = 1.0
+    """Its damping ratio."""
+    filter: LowPass | None = LowPass(cutoff=2.0, order=1)
+    """Filter of the rate error; null is none."""
+
+
+TurnGainItem: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollocatedTip:
+    """Feedback to the tip wheel."""
+
+    turn_gain: tuple[TurnGainItem, TurnGainItem] = ((300.0, 0.0), (0.0, 0.0))
+    """
+    On the rate at which the tip turns, N m s/rad: entry (i, j) multiplies (mass / 500 kg)^i
+    (extension / 8 m)^j; beyond 500 kg the mass counts as 500 kg.
+    """
+    filter: LowPass | None = LowPass(cutoff=20.0, order=1)
+    """Filter of it; null is none."""
 
 
 ObservePayload: TypeAlias = Literal["reported", "true", "hidden"]
@@ -356,26 +403,20 @@ class Payload:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slew:
-    """The slew as a user states it."""
+class Shaper:
+    """Input shaping of the slew."""
 
-    angle: float = 0.8726646259971648
-    """Angle to slew through, rad; its sign is the direction. A table turns through its own."""
-    max_accel: float = 0.02
-    """Largest angular acceleration, rad/s^2. Not of a table, nor where the final time is given."""
-    profile: SlewProfile = "min_time"
-    """Family of the profile."""
-    smoothing: float = 0.0
+    kind: ShaperKind = "none"
+    """Kind."""
+    frequency: float | None = None
     """
-    Smoothing fraction phi of the slew time: 0 (not smoothed) to below 1/4 for minimum time,
-    below 1/2 for minimum energy.
+    Angular frequency of the mode, rad/s; null is that of the lowest mode of the arm as it is modelled, at the
+    length of the time and with the reported payload.
     """
-    final_time: float | None = None
-    """Duration, s, from which the acceleration follows (thesis section 3.2.4); null takes `max_accel`."""
-    times: Sequence[float] = ()
-    """Times of a table, s, rising; at one that is given twice the acceleration jumps."""
-    accelerations: Sequence[float] = ()
-    """Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest."""
+    damping_ratio: float = 0.0
+    """Damping ratio of the mode as the shaper believes it."""
+    bending_stiffness: tuple[float, float] = (2500000.0, 3000000.0)
+    """Bending stiffness of the links as the shaper believes it, N m^2."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -537,17 +578,6 @@ class Randomize:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearLaw:
-    """Rate and position feedback (thesis section 3.4)."""
-
-    name: Literal["linear"] = "linear"
-    root: LinearRoot | None = LinearRoot()
-    """Root wheel."""
-    tip: LinearTip | None = LinearTip()
-    """Tip wheel."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class LyapunovLaw:
     """Feedback from a Lyapunov function (thesis section 3.5)."""
 
@@ -572,8 +602,30 @@ class ScheduledLaw:
     """Tip wheel."""
 
 
-Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw | ServoLaw
-"""A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name."""
+@dataclass(frozen=True, kw_only=True)
+class CollocatedLaw:
+    """
+    Positive-real feedback of what each wheel turns with, scheduled over extension and reported mass (not in
+    the thesis).
+    """
+
+    name: Literal["collocated"] = "collocated"
+    root: CollocatedRoot | None = CollocatedRoot()
+    """Root wheel."""
+    tip: CollocatedTip | None = CollocatedTip()
+    """Tip wheel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearRoot:
+    """Gains of the root wheel."""
+
+    rate_gain: float = 80000.0
+    """On the slew rate error, N m s/rad."""
+    angle_gain: float = 8000.0
+    """On the slew error, N m/rad."""
+    filter: LowPass | None = None
+    """Filter of the slew rate error; null is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -662,6 +714,73 @@ Leg: TypeAlias = SlewLeg | HoldLeg | RestLeg | DesaturateLeg | GrappleLeg | Rele
 
 
 @dataclass(frozen=True, kw_only=True)
+class Slew:
+    """The slew as a user states it."""
+
+    angle: float = 0.8726646259971648
+    """Angle to slew through, rad; its sign is the direction. A table turns through its own."""
+    max_accel: float = 0.02
+    """Largest angular acceleration, rad/s^2. Not of a table, nor where the final time is given."""
+    profile: SlewProfile = "min_time"
+    """Family of the profile."""
+    smoothing: float = 0.0
+    """
+    Smoothing fraction phi of the slew time: 0 (not smoothed) to below 1/4 for minimum time,
+    below 1/2 for minimum energy.
+    """
+    final_time: float | None = None
+    """Duration, s, from which the acceleration follows (thesis section 3.2.4); null takes `max_accel`."""
+    times: Sequence[float] = ()
+    """Times of a table, s, rising; at one that is given twice the acceleration jumps."""
+    accelerations: Sequence[float] = ()
+    """Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest."""
+    shaper: Shaper = Shaper()
+    """What the profile is convolved with, so that it does not excite the lowest mode."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearLaw:
+    """Rate and position feedback (thesis section 3.4)."""
+
+    name: Literal["linear"] = "linear"
+    root: LinearRoot | None = LinearRoot()
+    """Root wheel."""
+    tip: LinearTip | None = LinearTip()
+    """Tip wheel."""
+
+
+Law: TypeAlias = OpenLoop | LinearLaw | LyapunovLaw | ScheduledLaw | ServoLaw | CollocatedLaw
+"""A control law with its parameters; as data, `{"name": "linear", ...}` or the bare name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission:
+    """
+    Legs flown one after the other with one arm, from rest without a payload. Arm, wheels, sensors, plant
+    and what a leg leaves out are the scenario's; the length at the beginning is `deployment.start`.
+    """
+
+    legs: Sequence[Leg] = (
+        SlewLeg(angle=0.5235987755982988, extension=7.0),
+        RestLeg(),
+        GrappleLeg(),
+        SlewLeg(angle=-1.5707963267948966, extension=4.0),
+        RestLeg(),
+        ReleaseLeg(),
+        SlewLeg(angle=1.0471975511965976, extension=1.0),
+        RestLeg(),
+    )
+    """Legs, in order."""
+    period: float = 0.1
+    """Legs end at whole multiples of this, s: a whole number of control periods."""
+    replan: bool = False
+    """
+    Whether legs are planned for the payload's mass as the balance of angular momentum has told it
+    in the legs before, and no longer for the reported one.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """
     One manoeuvre. Any part left out has its default: Payload 1 known exactly, 50 deg in minimum
@@ -741,33 +860,6 @@ class Task:
     """Reward."""
     limits: Limits = Limits()
     """End of an episode."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Mission:
-    """
-    Legs flown one after the other with one arm, from rest without a payload. Arm, wheels, sensors, plant
-    and what a leg leaves out are the scenario's; the length at the beginning is `deployment.start`.
-    """
-
-    legs: Sequence[Leg] = (
-        SlewLeg(angle=0.5235987755982988, extension=7.0),
-        RestLeg(),
-        GrappleLeg(),
-        SlewLeg(angle=-1.5707963267948966, extension=4.0),
-        RestLeg(),
-        ReleaseLeg(),
-        SlewLeg(angle=1.0471975511965976, extension=1.0),
-        RestLeg(),
-    )
-    """Legs, in order."""
-    period: float = 0.1
-    """Legs end at whole multiples of this, s: a whole number of control periods."""
-    replan: bool = False
-    """
-    Whether legs are planned for the payload's mass as the balance of angular momentum has told it
-    in the legs before, and no longer for the reported one.
-    """
 
 
 @dataclass(frozen=True, kw_only=True)

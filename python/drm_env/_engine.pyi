@@ -439,6 +439,11 @@ class Law:
         Time between two calls, s.
         """
     @property
+    def needs_tip_rate(self, /) -> bool:
+        """
+        Whether it feeds back what the gyro at the tip wheel measures, which no observation holds.
+        """
+    @property
     def torque_limits(self, /) -> tuple[float, float]:
         """
         Torque limits of root and tip wheel, N m.

@@ -19,6 +19,7 @@ from drm_env._config import (
     Randomize,
     Reward,
     Scenario,
+    ShaperKind,
     SlewProfile,
     TipTorque,
 )
@@ -169,6 +170,14 @@ class Options(Parameters, total=False):
     """Times of a slew profile that is a table. Unit: s."""
     slew_accelerations: Sequence[SupportsFloat] | NDArray[Any]
     """Accelerations at these times. Unit: rad/s^2."""
+    slew_shaper: ShaperKind
+    """Input shaping of the slew: none, zv or zvd."""
+    slew_shaper_frequency: SupportsFloat | None
+    """Frequency of the mode that it leaves at rest; null is the model's. Unit: rad/s."""
+    slew_shaper_damping_ratio: SupportsFloat
+    """Damping ratio of that mode as it is believed."""
+    tip_rate_noise: SupportsFloat
+    """Noise of the gyro at the tip wheel. Unit: rad/s."""
     control_period: SupportsFloat
     """Time between two actions. Unit: s."""
     actuators: Sequence[Actuator]

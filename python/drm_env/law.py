@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ControlLaw"]
 
+_TIP_RATE = "tip_turn_rate"
+
 
 class ControlLaw:
     """A control law flown once per control period of a task.
@@ -29,7 +31,8 @@ class ControlLaw:
     Parameters
     ----------
     law
-        ``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"`` or a mapping of a law's parameters.
+        ``"none"``, ``"linear"``, ``"lyapunov"``, ``"servo"``, ``"collocated"`` or a mapping of a
+        law's parameters.
     task, config, **options
         as for `DrmEnv`: the control period, the arm and the layout of the
         observation are read from them.
@@ -67,15 +70,24 @@ class ControlLaw:
         self._law = _engine.Law(law_json(law), resolved.held)
         layout = resolved.observation_layout
         places = {entry.name: index for index, entry in enumerate(layout)}
-        missing = [name for name in self.MEASUREMENTS if name not in places]
+        # no observation holds what the gyro at the tip wheel measures; few laws want it
+        unused = () if self._law.needs_tip_rate else (_TIP_RATE,)
+        missing = [name for name in self.MEASUREMENTS if name not in places and name not in unused]
         self._missing = missing
-        self._columns = [places[name] for name in self.MEASUREMENTS if name in places]
+        seen = [i for i, name in enumerate(self.MEASUREMENTS) if name in places]
+        self._seen = np.array(seen, dtype=np.int64)
+        self._columns = [places[self.MEASUREMENTS[i]] for i in seen]
         self._scales = np.array([layout[index].scale for index in self._columns])
 
     @property
     def control_period(self) -> float:
         """Time from one call to the next that the differences in the law assume, s."""
         return self._law.control_period
+
+    @property
+    def needs_tip_rate(self) -> bool:
+        """Whether it feeds back ``tip_turn_rate``: of the gyro at the tip, in no observation."""
+        return self._law.needs_tip_rate
 
     @property
     def torque_limits(self) -> tuple[float, float]:
@@ -97,7 +109,8 @@ class ControlLaw:
         Returns
         -------
         measurements
-            Shape (n, len(MEASUREMENTS)).
+            Shape (n, len(MEASUREMENTS)); ``tip_turn_rate``, which no observation holds, is 0 for a
+            law that does not want it.
 
         Raises
         ------
@@ -109,7 +122,9 @@ class ControlLaw:
                 f"the observation does not hold {self._missing[0]!r}, which a law needs"
             )
         values = np.asarray(observations, dtype=np.float64)[:, self._columns]
-        return np.asarray(values * self._scales)
+        measured = np.zeros((len(values), len(self.MEASUREMENTS)))
+        measured[:, self._seen] = values * self._scales
+        return measured
 
     def torques(
         self, measurements: ArrayLike, state: ArrayLike, start: ArrayLike

@@ -30,6 +30,9 @@ BOUND_EPISODES = {"unmodelled": 40, "heavy": 100, "rough": 100, "flexible": 40}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
 plant has three times as many unknowns, one of a heavy payload needs several attempts."""
 
+LQG_EPISODES = {"flexible": 100}
+"""Episodes that the LQG flies, evenly spread; all in other suites. It is asked by Python."""
+
 RECEDING_EPISODES = {"robust": 125, "unmodelled": 20, "heavy": 10, "rough": 20, "flexible": 20}
 """Episodes that the receding-horizon controller flies, evenly spread among those of the bound; all
 in other suites. It solves several programmes a flight."""
@@ -89,6 +92,8 @@ class Competitor:
     def episodes(self, manoeuvres: Manoeuvres) -> NDArray[np.int64]:
         """Return the episodes of a suite that are flown, evenly spread."""
         counts = {"bound": BOUND_EPISODES, "controller": RECEDING_EPISODES}.get(self.kind, {})
+        if self.policy == "lqg":
+            counts = LQG_EPISODES
         wanted = counts.get(manoeuvres.suite.name, len(manoeuvres))
         return np.arange(len(manoeuvres), dtype=np.int64)[:: max(1, len(manoeuvres) // wanted)]
 

@@ -34,7 +34,8 @@ class Record:
     policy, title
         Key in files (``"linear_tuned"``) and name in tables.
     kind
-        ``"bound"``, ``"open loop"``, ``"law"``, ``"tuned law"``, ``"controller"`` or ``"learned"``.
+        ``"bound"``, ``"open loop"``, ``"law"``, ``"tuned law"``, ``"shaped law"``,
+        ``"controller"`` or ``"learned"``.
     knows
         What it is told of the payload: ``"reported"``, ``"true"`` or ``"nothing"``.
     control_period

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,9 +17,9 @@ from drm_baselines.support.interruption import leaving_at_once
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from drm_baselines.stability import StabilityMap
+    from drm_baselines.stability import StabilityMap, Stepped
 
-_LAWS = names_of("law", "tuned law")
+_LAWS = (*names_of("law", "tuned law"), "lqg")
 
 
 @guarded
@@ -84,7 +84,9 @@ def stability(
         from drm_baselines.support import storage
 
     names = list(dict.fromkeys(policies or names_of("law")))
-    laws = {name: law_data(name) for name in names}
+    laws: dict[str, Any] = {}
+    for name in names:
+        laws[name] = _lqg(period) if name == "lqg" else law_data(name)
     for option, value in (("period", period), ("stiffness", stiffness)):
         if not value > 0.0:
             raise BaselineError(f"--{option} must be positive, got {value:g}")
@@ -134,6 +136,14 @@ def stability(
         plot_stability(maps, plot, overwrite=force)
         if not as_json:
             say_files([plot])
+
+
+def _lqg(period: float) -> Stepped:
+    """The LQG, which is designed for a sampling period."""
+    with leaving_at_once():
+        from drm_baselines.optimal_control.lqg import Lqg, LqgLaw
+
+    return LqgLaw(Lqg(period=period))
 
 
 def _table(found: StabilityMap) -> Table:

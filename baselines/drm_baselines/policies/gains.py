@@ -8,7 +8,15 @@ from typing import Any
 
 from drm_baselines.errors import BaselineError
 
-TUNED = {"linear_tuned": "linear", "lyapunov_tuned": "lyapunov", "lqr": "lqr"}
+TUNED = {
+    "linear_tuned": "linear",
+    "lyapunov_tuned": "lyapunov",
+    "lqr": "lqr",
+    "linear_filtered": "linear_filtered",
+    "lyapunov_filtered": "lyapunov_filtered",
+    "linear_collocated": "linear_collocated",
+    "collocated": "collocated",
+}
 """Policies whose gains come from ``drm tune``, by name, and the name of their gains."""
 
 FORMAT = "drm-gains"

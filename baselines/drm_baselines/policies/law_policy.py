@@ -116,6 +116,11 @@ class LawPolicy:
         self._law = drm_env.ControlLaw(self.law, config=config)
         self._arms: dict[tuple[float, ...], drm_env.ControlLaw] = {}
         self._contexts = None
+        if self._law.needs_tip_rate:
+            raise PolicyError(
+                f"the law {self.name!r} needs the gyro at the tip wheel, which no observation "
+                "holds; fly it by simulate, rollout or as inner_law"
+            )
         self._arm = {"lyapunov": _ARM, "servo": _MODELLED_ARM}.get(self.name, ())
         self._needs = _LIMITS + self._arm
         if env is not None:

@@ -17,6 +17,7 @@ from typing import Any
 from drm_baselines.errors import PolicyError
 
 _DOTS = (0, (1, 1.5))
+_LONG = (0, (9, 2))
 _DASH_DOTS = (0, (6, 1, 1, 1, 1, 1))
 
 
@@ -96,6 +97,13 @@ POLICIES = _all(
     ("linear_tuned", "tuned law", "linear law, retuned", "blue", "--", "s"),
     ("lyapunov_tuned", "tuned law", "Lyapunov law, retuned", "orange", "--", "v"),
     ("lqr", "tuned law", "LQR, scheduled and tuned", "blue", _DOTS, "D"),
+    ("linear_filtered", "tuned law", "linear law, filtered", "blue", "-.", "1"),
+    ("lyapunov_filtered", "tuned law", "Lyapunov law, filtered", "orange", "-.", "2"),
+    ("linear_collocated", "tuned law", "linear law, filtered, collocated tip", "blue", ":", "3"),
+    ("collocated", "tuned law", "collocated, scheduled", "green", _DOTS, "4"),
+    ("servo_zv", "shaped law", "servo, slew shaped by ZV", "green", ":", "+"),
+    ("servo_zvd", "shaped law", "servo, slew shaped by ZVD", "green", _LONG, "x"),
+    ("lqg", "controller", "LQG, scheduled", "purple", _DOTS, "d"),
     ("receding", "controller", "adaptive receding horizon", "green", "-", "P"),
     ("dagger", "learned", "imitation and gradient, residual", "vermilion", "-", "*"),
     ("ppo", "learned", "PPO, residual on the linear law", "purple", "-", "<"),

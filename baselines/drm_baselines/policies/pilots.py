@@ -240,9 +240,11 @@ def law_data(name: str, **parameters: Any) -> dict[str, Any]:
     found = find(name)
     if found.kind not in ("open loop", "law"):
         known = ", ".join(names_of("open loop", "law", "tuned law"))
-        what = {"learned": "a network", "controller": "a controller that plans"}.get(
-            found.kind, "what no policy can be better than"
-        )
+        what = {
+            "learned": "a network",
+            "controller": "a controller that plans or observes",
+            "shaped law": "a law and a manoeuvre",
+        }.get(found.kind, "what no policy can be better than")
         raise PolicyError(f"{name!r} is {what} and no law; laws are {known}")
     return {"name": name, **parameters}
 
@@ -282,6 +284,58 @@ def law_pilot(name: str) -> LawPilot:
     return LawPilot(name, law_data(name))
 
 
+class ShapedPilot(LawPilot):
+    """A law that flies every manoeuvre with its slew shaped: it ends later by the shaper's length.
+
+    Parameters
+    ----------
+    name
+        In commands and files.
+    law
+        The law as data.
+    kind
+        ``"zv"`` or ``"zvd"``.
+    """
+
+    def __init__(self, name: str, law: Mapping[str, Any], kind: str) -> None:
+        super().__init__(name, law)
+        self.kind = kind
+
+    @property
+    def details(self) -> Mapping[str, Any]:
+        """Law and shaper."""
+        return {"law": dict(self.law), "slew_shaper": self.kind}
+
+    def _shaped(self, scenario: Mapping[str, Any]) -> dict[str, Any]:
+        slew = dict(scenario.get("slew", {}))
+        return {
+            **scenario,
+            "slew": {**slew, "shaper": {**slew.get("shaper", {}), "kind": self.kind}},
+        }
+
+    def fly(
+        self,
+        scenarios: Sequence[Mapping[str, Any]],
+        *,
+        seed: int | Sequence[int] = 0,
+        progress: Progress | None = None,
+    ) -> Metrics:
+        """See :class:`Pilot`."""
+        return super().fly([self._shaped(each) for each in scenarios], seed=seed, progress=progress)
+
+    def trajectory(
+        self, scenario: Mapping[str, Any], *, seed: int = 0, decimation: int = 1
+    ) -> drm_env.Trajectory:
+        """See :class:`Pilot`."""
+        return super().trajectory(self._shaped(scenario), seed=seed, decimation=decimation)
+
+
+def shaped_pilot(name: str) -> ShapedPilot:
+    """Return a law with the shaper that its name says: ``servo_zv``."""
+    law, _, kind = find(name).name.rpartition("_")
+    return ShapedPilot(name, law_data(law), kind)
+
+
 def network_pilot(name: str) -> NetworkPilot:
     """Return the first of a learning method's policies that come with the package."""
     return NetworkPilot(name, load_policy(shipped_run(name)))
@@ -292,7 +346,8 @@ ENTRY_POINTS = {
     "open loop": f"{__name__}:law_pilot",
     "law": f"{__name__}:law_pilot",
     "tuned law": f"{__name__}:law_pilot",
-    "controller": "drm_baselines.optimal_control.mpc:RecedingPilot",
+    "shaped law": f"{__name__}:shaped_pilot",
+    "controller": "drm_baselines.optimal_control.controllers:pilot",
     "learned": f"{__name__}:network_pilot",
 }
 """Where the pilots of a kind are made, from their names."""

@@ -80,7 +80,7 @@ def make_policy(
         return _learned(name, env, config, law_parameters)
     if kind in ("controller", "bound"):
         raise PolicyError(
-            f"{name!r} plans a whole manoeuvre and does not act on observations: drm compare, "
+            f"{name!r} flies whole manoeuvres and does not act on observations: drm compare, "
             "evaluate, simulate and benchmark fly it"
         )
     law = law_data(name, **law_parameters)

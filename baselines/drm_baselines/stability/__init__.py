@@ -4,9 +4,18 @@ from drm_baselines.stability.closed_loop import (
     STABLE,
     Loop,
     StabilityMap,
+    Stepped,
     closed_loop,
     growth_rate,
     stability_map,
 )
 
-__all__ = ["STABLE", "Loop", "StabilityMap", "closed_loop", "growth_rate", "stability_map"]
+__all__ = [
+    "STABLE",
+    "Loop",
+    "StabilityMap",
+    "Stepped",
+    "closed_loop",
+    "growth_rate",
+    "stability_map",
+]

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 import drm_env
@@ -34,11 +34,35 @@ _STEPS = {
     "slew_error_rate": 1e-6,
     "link2_deflection": 1e-6,
     "link2_deflection_rate": 1e-6,
+    "tip_turn_rate": 1e-6,
     "slew_torque": 1e-3,
     "root_momentum": 1e-3,
     "tip_momentum": 1e-3,
 }
 """Measurements that the loop has, and their steps in the differences, SI."""
+
+_SENSED = (
+    "slew_angle",
+    "slew_rate",
+    "link2_deflection",
+    "link2_deflection_rate",
+    "tip_turn_rate",
+)
+"""Outputs of the arm that sensors measure, in the order of the measurements above."""
+
+
+class Stepped(Protocol):
+    """A law that is no data: what `drm_env.ControlLaw` has, made for the loop's sampling period."""
+
+    MEASUREMENTS: tuple[str, ...]
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """Return the memory before the first call, shape (n, k)."""
+
+    def torques(
+        self, measurements: ArrayLike, state: ArrayLike, start: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return torques (n, 2), N m, and the new memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,11 +122,10 @@ def _plant(
         whole[states + wheel, states + wheel] = -1.0 / fast
         drive[states + wheel, wheel] = 1.0 / fast
         whole[states + 2 + wheel, states + wheel] = -1.0
-    seen = np.zeros((6, states + 4))
-    names = ("slew_angle", "slew_rate", "link2_deflection", "link2_deflection_rate")
-    for row, name in enumerate(names):
+    seen = np.zeros((len(_SENSED) + 2, states + 4))
+    for row, name in enumerate(_SENSED):
         seen[row, :states] = linear.C[linear.outputs.index(name)]
-    seen[4, states + 2] = seen[5, states + 3] = 1.0
+    seen[-2, states + 2] = seen[-1, states + 3] = 1.0
     return whole, drive, seen
 
 
@@ -128,11 +151,15 @@ class _LinearLaw:
 
 
 def _linear_law(
-    law: Mapping[str, Any], extension: float, reported: float, period: float
+    law: Mapping[str, Any] | Stepped, extension: float, reported: float, period: float
 ) -> _LinearLaw:
-    control = drm_env.ControlLaw(
-        dict(law), plant="consistent", control_period=period, sample_period=period
-    )
+    control: Stepped
+    if isinstance(law, Mapping):
+        control = drm_env.ControlLaw(
+            dict(law), plant="consistent", control_period=period, sample_period=period
+        )
+    else:
+        control = law
     names = control.MEASUREMENTS
     length, width = _dimensions(reported)
     rest = np.zeros((1, len(names)))
@@ -181,7 +208,7 @@ def _dimensions(mass: float) -> tuple[float, float]:
 
 
 def closed_loop(
-    law: Mapping[str, Any],
+    law: Mapping[str, Any] | Stepped,
     extension: float,
     mass: float,
     *,
@@ -193,7 +220,7 @@ def closed_loop(
     Parameters
     ----------
     law
-        The law as data.
+        The law as data, or an object like `drm_env.ControlLaw` that is made for the loop's period.
     extension
         Of link 2, m.
     mass
@@ -210,14 +237,15 @@ def closed_loop(
     delay = round(loop.delay / loop.period)
     states, remembered = len(a), len(told.s)
     # the wheels' momenta are not delayed: they are read at the wheels
-    lines = 4 * delay
+    sensed = len(_SENSED)
+    lines = sensed * delay
     size = states + lines + remembered
-    seen = np.zeros((6, size))
-    seen[4:, :states] = c[4:]
+    seen = np.zeros((len(c), size))
+    seen[sensed:, :states] = c[sensed:]
     if delay:
-        seen[:4, states + lines - 4 : states + lines] = np.eye(4)
+        seen[:sensed, states + lines - sensed : states + lines] = np.eye(sensed)
     else:
-        seen[:4, :states] = c[:4]
+        seen[:sensed, :states] = c[:sensed]
     memory = np.zeros((remembered, size))
     memory[:, states + lines :] = np.eye(remembered)
     torques = told.p @ seen + told.q @ memory
@@ -225,10 +253,10 @@ def closed_loop(
     whole[:states, :states] = a
     whole[:states] += b @ torques
     if delay:
-        whole[states : states + 4, :states] = c[:4]
+        whole[states : states + sensed, :states] = c[:sensed]
         for line in range(1, delay):
-            at = states + 4 * line
-            whole[at : at + 4, at - 4 : at] = np.eye(4)
+            at = states + sensed * line
+            whole[at : at + sensed, at - sensed : at] = np.eye(sensed)
     whole[states + lines :] = told.r @ seen + told.s @ memory
     return whole
 
@@ -289,7 +317,7 @@ class StabilityMap:
 
 def stability_map(
     title: str,
-    law: Mapping[str, Any],
+    law: Mapping[str, Any] | Stepped,
     extensions: Sequence[float],
     masses: Sequence[float],
     *,

@@ -6,6 +6,7 @@ own, and is judged by the interquartile mean of the tip error.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
@@ -22,6 +23,7 @@ from drm_baselines import suites
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.statistics import interquartile_mean
 from drm_baselines.optimal_control import scheduled_lqr
+from drm_baselines.stability import STABLE, Loop, closed_loop, growth_rate
 from drm_baselines.support import cores, storage
 from drm_baselines.support.executors import Tell
 from drm_baselines.support.places import Place
@@ -91,11 +93,52 @@ def law_of(name: str, parameters: Mapping[str, float]) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             return scheduled_lqr.scheduled_law(parameters)
-    law: dict[str, Any] = {"name": name}
+    engine, fixed = _FORMS.get(name, (name, {}))
+    law: dict[str, Any] = {"name": engine, **copy.deepcopy(fixed)}
     for path, value in parameters.items():
-        wheel, _, gain = path.partition(".")
-        law.setdefault(wheel, {})[gain] = value
+        *way, last = path.split(".")
+        place: Any = law
+        for part in way:
+            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
+        place[int(last) if isinstance(place, list) else last] = value
     return law
+
+
+_FORMS: dict[str, tuple[str, dict[str, Any]]] = {
+    "linear_filtered": (
+        "linear",
+        {"root": {"filter": {"order": 1}}, "tip": {"filter": {"order": 2}}},
+    ),
+    "lyapunov_filtered": (
+        "lyapunov",
+        {"root": {"filter": {"order": 1}}, "tip": {"filter": {"order": 2}}},
+    ),
+    "linear_collocated": (
+        "linear",
+        {"root": {"filter": {"order": 1}}, "tip": {"rate_gain": 0.0, "filter": {"order": 1}}},
+    ),
+    "collocated": (
+        "collocated",
+        {
+            "root": {"filter": {"order": 1}},
+            "tip": {"turn_gain": [[0.0, 0.0], [0.0, 0.0]], "filter": {"order": 1}},
+        },
+    ),
+}
+"""Laws that have parts which are not searched: name in the engine, and the parts."""
+
+_JUDGED_EXTENSIONS, _JUDGED_MASSES = (1.0, 3.0, 8.0), (50.0, 500.0)
+"""Where a law has to be stable to be flown on a flexible arm, m and kg."""
+
+
+def unstable_at(law: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return an extension (m) and a mass (kg) where a law does not keep the flexible arm stable."""
+    for mass in _JUDGED_MASSES:
+        for extension in _JUDGED_EXTENSIONS:
+            loop = Loop()
+            if growth_rate(closed_loop(law, extension, mass, loop=loop), loop.period) >= STABLE:
+                return extension, mass
+    return None
 
 
 def training_scenarios(suite: str, count: int) -> Draw:
@@ -168,7 +211,11 @@ class _Judge:
     ) -> Verdict:
         """See :class:`drm_baselines.tuning.trials.Judge`."""
         try:
-            return fly(law_of(self.law, parameters), self.scenarios)
+            law = law_of(self.law, parameters)
+            # what grows flies until the wheels are full: there is nothing to be learned of it
+            if self.law in _FORMS and (place := unstable_at(law)) is not None:
+                raise UnfitError(f"unstable at {place[0]:g} m with {place[1]:g} kg")
+            return fly(law, self.scenarios)
         except (BaselineError, drm_env.DrmError) as error:
             raise UnfitError(str(error)) from error
 

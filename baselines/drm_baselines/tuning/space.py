@@ -69,6 +69,17 @@ class Dimension:
                 "integer": self.integer, "start": self.start}  # fmt: skip
 
 
+def _cutoff(wheel: str, start: float) -> Dimension:
+    return Dimension(
+        name=f"{wheel}.filter.cutoff",
+        unit="rad/s",
+        low=0.3,
+        high=1e3,
+        start=start,
+        reason="from below the slowest mode (19 rad/s at 8 m with 500 kg) to nothing at 2 ms",
+    )
+
+
 GAINS: dict[str, tuple[Dimension, ...]] = {
     "linear": (
         Dimension(
@@ -160,7 +171,85 @@ GAINS: dict[str, tuple[Dimension, ...]] = {
             reason="as the rate; vibration is faster, at 1 to 10 rad/s",
         ),
     ),
-}
+    "linear_filtered": (
+        Dimension(
+            name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4,
+            reason="as for linear",
+        ),
+        Dimension(
+            name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
+            reason="as for linear, and less where the rate may be fed back only a little",
+        ),
+        _cutoff("root", 3.0),
+        Dimension(
+            name="tip.rate_gain", unit="N s", low=1.0, high=5e4, start=50.0, reason="as for linear",
+        ),
+        _cutoff("tip", 10.0),
+    ),
+    "lyapunov_filtered": (
+        Dimension(
+            name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4,
+            reason="as for linear",
+        ),
+        Dimension(
+            name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
+            reason="as for linear_filtered",
+        ),
+        Dimension(
+            name="root.acceleration_gain", unit="1", low=1e-6, high=1.0, start=2e-4,
+            reason="as for lyapunov",
+        ),
+        _cutoff("root", 3.0),
+        Dimension(
+            name="tip.gain", unit="1/s", low=1e-4, high=1e2, start=1e-2, reason="as for lyapunov",
+        ),
+        _cutoff("tip", 10.0),
+    ),
+    "linear_collocated": (
+        Dimension(
+            name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4,
+            reason="as for linear",
+        ),
+        Dimension(
+            name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
+            reason="as for linear_filtered",
+        ),
+        _cutoff("root", 3.0),
+        Dimension(
+            name="tip.turn_gain", unit="N m s/rad", low=1.0, high=1e5, start=300.0,
+            reason="full torque at 10 rad/s, down to 0.1 mrad/s, the gyro's noise",
+        ),
+        _cutoff("tip", 30.0),
+    ),
+    "collocated": (
+        Dimension(
+            name="root.frequency", unit="rad/s", low=0.02, high=2.0, start=0.1,
+            reason="slower than a flight, up to nearly the slowest mode",
+        ),
+        Dimension(
+            name="root.damping", unit="1", low=0.3, high=10.0, start=0.5,
+            reason="from an overshoot to a slow return",
+        ),
+        _cutoff("root", 3.0),
+        Dimension(
+            name="tip.turn_gain.0.0", unit="N m s/rad", low=1.0, high=1e5, start=100.0,
+            reason="as for linear_collocated",
+        ),
+        Dimension(
+            name="tip.turn_gain.0.1", unit="N m s/rad", low=1.0, high=1e5, start=10.0,
+            reason="as above, for the length",
+        ),
+        Dimension(
+            name="tip.turn_gain.1.0", unit="N m s/rad", low=1.0, high=1e5, start=10.0,
+            reason="as above, for the mass",
+        ),
+        Dimension(
+            name="tip.turn_gain.1.1", unit="N m s/rad", low=1.0, high=1e5, start=10.0,
+            reason="as above, for both",
+        ),
+        _cutoff("tip", 30.0),
+    ),
+}  # fmt: skip
 """What is searched for each law: gains of ``linear`` and ``lyapunov``, where the first trial is the
 thesis' own choice, and weights of ``lqr``
 (:func:`drm_baselines.optimal_control.scheduled_lqr.gains_at`)."""

@@ -9,12 +9,13 @@ use drm_env::analysis::prescribed::Prescribed;
 use drm_env::analysis::transitions::Transitions;
 use drm_env::arm::{PayloadInertia, PayloadProperties};
 use drm_env::config::{ValidConfig, law_from_json};
+use drm_env::control::servo::SERVO_MEMORY;
 use drm_env::control::{
     KnownInertia, Law as EngineLaw, LawMemory, MEMORY_SIZE, Measurement, ServoMemory, ServoModel,
 };
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
-use drm_env::plant::Torques;
+use drm_env::plant::{RigidInertia, Torques};
 use drm_env::reference::Extension;
 use drm_env::rollout::{
     LoadedTrajectory, Pilot, SIGNAL_NAMES, TOLD_NAMES as MEASUREMENTS, fly_one_loaded,
@@ -254,6 +255,12 @@ impl Law {
         self.config.task.control_period
     }
 
+    /// Whether it feeds back what the gyro at the tip wheel measures, which no observation holds.
+    #[getter]
+    fn needs_tip_rate(&self) -> bool {
+        self.law.needs_tip_rate()
+    }
+
     /// Torque limits of root and tip wheel, N m.
     #[getter]
     fn torque_limits(&self) -> (f64, f64) {
@@ -315,6 +322,7 @@ impl Law {
             mass,
             length,
             width,
+            tip_turn_rate,
         ] = row;
         let measured = Measurement {
             slew_error,
@@ -328,11 +336,13 @@ impl Law {
             slew_torque,
             root_momentum,
             tip_momentum,
+            tip_turn_rate,
         };
         let scenario = &self.config.scenario;
         let inertia: PayloadInertia = scenario.payload.inertia;
         let reported = PayloadProperties::new(mass, length, width, inertia);
-        let known = KnownInertia::new(&scenario.arm, &reported);
+        let whole = RigidInertia::new(&scenario.arm, &reported).coefficients();
+        let known = KnownInertia::new(&scenario.arm, &reported, whole);
         let mut memory = if start {
             LawMemory::fresh()
         } else {
@@ -340,9 +350,12 @@ impl Law {
                 slew_error_rate: memory[0],
                 link2_deflection_rate: memory[1],
                 started: memory[2],
-                servo: memory
-                    .last_chunk()
+                servo: memory[3..]
+                    .first_chunk()
                     .map_or_else(ServoMemory::fresh, ServoMemory::from_numbers),
+                filters: memory
+                    .last_chunk()
+                    .map_or([[0.0; 2]; 2], |&[a, b, c, d]| [[a, b], [c, d]]),
             }
         };
         let model = self.model(&reported);
@@ -360,7 +373,9 @@ impl Law {
                 memory.link2_deflection_rate,
                 memory.started,
             ]);
-            row[3..].copy_from_slice(&memory.servo.numbers());
+            let (servo, filters) = row[3..].split_at_mut(SERVO_MEMORY);
+            servo.copy_from_slice(&memory.servo.numbers());
+            filters.copy_from_slice(memory.filters.as_flattened());
             row
         })
     }

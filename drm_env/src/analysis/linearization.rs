@@ -13,14 +13,16 @@ use crate::reference::Extension;
 pub const INPUT_NAMES: [&str; 3] = ["slew_torque", "root_torque", "tip_torque"];
 
 /// Names of the outputs y: slew angle and rate (rad, rad/s), deflection of link 2's tip from link 1's
-/// end and its rate, deflection of the tip from the rotating axis and its rate (m, m/s).
-pub const OUTPUT_NAMES: [&str; 6] = [
+/// end and its rate, deflection of the tip from the rotating axis and its rate (m, m/s), rate at which the tip
+/// turns (rad/s).
+pub const OUTPUT_NAMES: [&str; 7] = [
     "slew_angle",
     "slew_rate",
     "link2_deflection",
     "link2_deflection_rate",
     "tip_deflection",
     "tip_deflection_rate",
+    "tip_turn_rate",
 ];
 
 /// x' = A x + B u, y = C x at one instant of a prescribed deployment, x = (q, q').
@@ -101,6 +103,7 @@ pub(crate) fn thesis_equations(m: &Matrices<f64>, slew_rate: f64) -> Equations {
         output[(4 + i, first + 1)] = LINK_END_DEFLECTION;
         output[(4 + i, first + 2)] = LINK_END_DEFLECTION;
     }
+    (output[(6, 3)], output[(6, 5)]) = (m.tip_on_slew, m.tip_slope);
     Equations {
         matrices: [dense(m.mass), dense(m.velocity), stiffness],
         input,
@@ -133,7 +136,8 @@ pub(crate) fn consistent_equations(
         let state = ConsistentState::new(q, v);
         let link2 = plant.link2_deflection(&state);
         let tip = plant.tip_deflection(&state, extension);
-        column.copy_from_slice(&[q[0], v[0], link2.0, link2.1, tip.0, tip.1]);
+        let turn = v[0] + plant.tip_slope(&state, extension).1;
+        column.copy_from_slice(&[q[0], v[0], link2.0, link2.1, tip.0, tip.1, turn]);
     }
     let (link1, link2) = plant.modes();
     let names = |link: usize, count: usize| (1..=count).map(move |i| format!("link{link}_{i}"));

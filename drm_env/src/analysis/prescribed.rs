@@ -3,6 +3,7 @@
 use crate::config::scenario::ValidScenario;
 use crate::error::ConfigError;
 use crate::interruption;
+use crate::reference::shaping::{ShaperKind, largest_accel};
 use crate::simulation::plan::Plan;
 
 /// Slew and deployment of a manoeuvre as they are planned.
@@ -26,7 +27,13 @@ impl Prescribed {
     /// A manoeuvre that cannot be flown.
     pub fn of(scenario: ValidScenario, times: &[f64]) -> Result<Self, ConfigError> {
         let slew = scenario.slew;
-        let timeline = Plan::new(scenario)?.timeline;
+        let plan = Plan::new(scenario)?;
+        let final_time = plan.slew_end_time;
+        let largest_accel = match slew.shaper.kind {
+            ShaperKind::None => slew.largest_accel(),
+            _ => largest_accel(&scenario.slew_pieces(&scenario.deployment_pieces(0.0)?)?),
+        };
+        let timeline = plan.timeline;
         let mut switches = vec![timeline.piece(0).start];
         while timeline.end(switches.len() - 1).is_finite() {
             switches.push(timeline.end(switches.len() - 1));
@@ -44,8 +51,8 @@ impl Prescribed {
             ]
         };
         Ok(Self {
-            final_time: slew.final_time(),
-            largest_accel: slew.largest_accel(),
+            final_time,
+            largest_accel,
             switches,
             motion: times.iter().map(at).collect(),
         })

@@ -265,7 +265,8 @@ impl PlannedLeg {
             0.0
         };
         let base = self.handling.base.map_or(0.0, |base| base.final_time());
-        Ok(scenario.slew.final_time().max(deployment).max(base))
+        let slew = scenario.slew_time(self.deployment_start)?;
+        Ok(slew.max(deployment).max(base))
     }
 
     /// The leg with a base, which must not be moving where something else than its time ends the leg.

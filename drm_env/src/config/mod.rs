@@ -9,6 +9,7 @@ pub mod options;
 pub mod parameter;
 pub(crate) mod reward;
 pub mod scenario;
+mod shaped_slew;
 pub mod task;
 mod valid;
 
@@ -158,6 +159,7 @@ impl EnvConfig {
             deflection_noise: 1e-4,
             deflection_rate_noise: 1e-3,
             angle_resolution: 6e-6,
+            tip_rate_noise: 1e-4,
             delay: 0.002,
             ..Sensors::default()
         };

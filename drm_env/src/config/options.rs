@@ -94,6 +94,30 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Accelerations at these times.",
     ),
     (
+        "slew_shaper",
+        "scenario.slew.shaper.kind",
+        "-",
+        "Input shaping of the slew: none, zv or zvd.",
+    ),
+    (
+        "slew_shaper_frequency",
+        "scenario.slew.shaper.frequency",
+        "rad/s",
+        "Frequency of the mode that it leaves at rest; null is the model's.",
+    ),
+    (
+        "slew_shaper_damping_ratio",
+        "scenario.slew.shaper.damping_ratio",
+        "-",
+        "Damping ratio of that mode as it is believed.",
+    ),
+    (
+        "tip_rate_noise",
+        "scenario.sensors.tip_rate_noise",
+        "rad/s",
+        "Noise of the gyro at the tip wheel.",
+    ),
+    (
         "control_period",
         "task.control_period",
         "s",

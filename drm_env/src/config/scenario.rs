@@ -199,6 +199,15 @@ impl Scenario {
         self.deployment
             .validate(&self.arm, self.slew.final_time())
             .map_err(|e| e.within("deployment"))?;
+        let slew_time = self.slew_time(0.0)?;
+        if !slew_time.is_finite() {
+            let requirement = "must give a slew that ends";
+            return Err(ConfigError::value(
+                "slew.shaper.frequency",
+                requirement,
+                slew_time,
+            ));
+        }
         let Initial {
             slew_angle,
             slew_rate,
@@ -383,6 +392,9 @@ impl Scenario {
             ..Self::default()
         };
         (common.slew.final_time, common.slew.times) = (self.slew.final_time, self.slew.times);
+        common.slew.shaper = self.slew.shaper;
+        common.sensors.tip_rate_noise = self.sensors.tip_rate_noise;
+        common.sensors.tip_rate_resolution = self.sensors.tip_rate_resolution;
         common.slew.accelerations = self.slew.accelerations;
         common.dynamics.structural_damping = 0.0;
         common.dynamics.damping_ratio = 0.0;

@@ -5,6 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::low_pass::{LowPass, validate_filter};
 use super::{KnownInertia, LawMemory, Measurement, finite_gain};
 use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::WheelTorques;
@@ -20,6 +21,8 @@ pub struct LyapunovRoot {
     pub angle_gain: f64,
     /// J3, on the inertial moment of link 2 and payload.
     pub acceleration_gain: f64,
+    /// Filter of the slew rate error; null is none.
+    pub filter: Option<LowPass>,
 }
 
 impl Default for LyapunovRoot {
@@ -28,6 +31,7 @@ impl Default for LyapunovRoot {
             rate_gain: 3.0e4,
             angle_gain: 3.0e3,
             acceleration_gain: 2.0e-4,
+            filter: None,
         }
     }
 }
@@ -38,11 +42,16 @@ impl Default for LyapunovRoot {
 pub struct LyapunovTip {
     /// On Jtb beta', 1/s.
     pub gain: f64,
+    /// Filter of the deflection's rate (thesis section 3.4.2); null is none.
+    pub filter: Option<LowPass>,
 }
 
 impl Default for LyapunovTip {
     fn default() -> Self {
-        Self { gain: 1.0 }
+        Self {
+            gain: 1.0,
+            filter: None,
+        }
     }
 }
 
@@ -71,9 +80,11 @@ impl LyapunovLaw {
             finite_gain("root.rate_gain", root.rate_gain)?;
             finite_gain("root.angle_gain", root.angle_gain)?;
             finite_gain("root.acceleration_gain", root.acceleration_gain)?;
+            validate_filter("root.filter", root.filter)?;
         }
-        self.tip
-            .map_or(Ok(()), |tip| finite_gain("tip.gain", tip.gain))
+        let Some(tip) = &self.tip else { return Ok(()) };
+        finite_gain("tip.gain", tip.gain)?;
+        validate_filter("tip.filter", tip.filter)
     }
 
     #[inline(always)]
@@ -84,6 +95,17 @@ impl LyapunovLaw {
         memory: &mut LawMemory<T>,
         period: f64,
     ) -> WheelTorques<T> {
+        let mut measured = *measured;
+        let [of_root, of_tip] = &mut memory.filters;
+        let started = memory.started;
+        if let Some(filter) = self.root.and_then(|root| root.filter) {
+            measured.slew_error_rate =
+                filter.pass(measured.slew_error_rate, of_root, started, period);
+        }
+        if let Some(filter) = self.tip.and_then(|tip| tip.filter) {
+            measured.link2_deflection_rate =
+                filter.pass(measured.link2_deflection_rate, of_tip, started, period);
+        }
         let off = T::splat(0.0);
         let a = measured.extension;
         let r = known.l1 + a;
@@ -104,6 +126,7 @@ impl LyapunovLaw {
             link2_deflection_rate: measured.link2_deflection_rate,
             started: T::splat(1.0),
             servo: memory.servo,
+            filters: memory.filters,
         };
         WheelTorques {
             root: match self.root {

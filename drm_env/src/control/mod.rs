@@ -1,7 +1,9 @@
 //! Control laws: measured outputs and reference in, wheel torques out. They know neither the
 //! environment nor the reward, and the payload only as it is reported.
 
+pub mod collocated;
 pub mod linear;
+pub mod low_pass;
 pub mod lyapunov;
 pub mod mlp;
 pub mod scheduled;
@@ -15,7 +17,9 @@ use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::WheelTorques;
 use crate::simd::{Lane, laned};
 
+pub use collocated::CollocatedLaw;
 pub use linear::LinearLaw;
+pub use low_pass::LowPass;
 pub use lyapunov::LyapunovLaw;
 pub use scheduled::ScheduledLaw;
 pub use servo::{ServoLaw, ServoMemory, ServoModel};
@@ -24,7 +28,7 @@ pub use servo::{ServoLaw, ServoMemory, ServoModel};
 pub const LAW_PERIOD: f64 = 2e-3;
 
 /// Numbers that a law remembers from one sample to the next, see [`LawMemory`].
-pub const MEMORY_SIZE: usize = 3 + servo::SERVO_MEMORY;
+pub const MEMORY_SIZE: usize = 3 + servo::SERVO_MEMORY + 4;
 
 /// No feedback: the open-loop manoeuvre.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -54,6 +58,10 @@ pub enum Law {
     /// thesis).
     #[schemars(title = "ServoLaw")]
     Servo(ServoLaw),
+    /// Positive-real feedback of what each wheel turns with, scheduled over extension and reported mass (not in
+    /// the thesis).
+    #[schemars(title = "CollocatedLaw")]
+    Collocated(CollocatedLaw),
 }
 
 impl Default for Law {
@@ -63,7 +71,14 @@ impl Default for Law {
 }
 
 /// Names of the laws, as in [`Law`]'s data form.
-pub const LAW_NAMES: [&str; 5] = ["none", "linear", "lyapunov", "scheduled", "servo"];
+pub const LAW_NAMES: [&str; 6] = [
+    "none",
+    "linear",
+    "lyapunov",
+    "scheduled",
+    "servo",
+    "collocated",
+];
 
 impl Law {
     /// The law of this name with the thesis' gains; the scheduled law has none of its own.
@@ -77,6 +92,7 @@ impl Law {
             "lyapunov" => Ok(Self::Lyapunov(LyapunovLaw::default())),
             "scheduled" => Ok(Self::Scheduled(ScheduledLaw::default())),
             "servo" => Ok(Self::Servo(ServoLaw::default())),
+            "collocated" => Ok(Self::Collocated(CollocatedLaw::default())),
             other => Err(ConfigError::value(
                 "name",
                 format!("must be one of {}", LAW_NAMES.join(", ")),
@@ -93,6 +109,7 @@ impl Law {
             Self::Lyapunov(_) => "lyapunov",
             Self::Scheduled(_) => "scheduled",
             Self::Servo(_) => "servo",
+            Self::Collocated(_) => "collocated",
         }
     }
 
@@ -107,6 +124,7 @@ impl Law {
             Self::Lyapunov(law) => law.validate(),
             Self::Scheduled(law) => law.validate(),
             Self::Servo(law) => law.validate(),
+            Self::Collocated(law) => law.validate(),
         }
     }
 
@@ -127,7 +145,7 @@ impl Law {
         };
         match self {
             Self::None(_) => off,
-            Self::Linear(law) => law.torques(measured),
+            Self::Linear(law) => law.torques(measured, memory, period),
             Self::Lyapunov(law) => law.torques(measured, known, memory, period),
             Self::Scheduled(law) => law.torques(measured, known),
             Self::Servo(law) => {
@@ -136,6 +154,17 @@ impl Law {
                 memory.started = T::splat(1.0);
                 law.torques(measured, model, &mut memory.servo, started, period)
             }
+            Self::Collocated(law) => law.torques(measured, known, memory, period),
+        }
+    }
+
+    /// Whether it wants [`Measurement::tip_turn_rate`].
+    #[inline(always)]
+    pub fn needs_tip_rate(&self) -> bool {
+        match self {
+            Self::Linear(law) => law.tip.is_some_and(|tip| tip.turn_gain != 0.0),
+            Self::Collocated(_) => true,
+            _ => false,
         }
     }
 
@@ -173,6 +202,9 @@ pub struct Measurement<T> {
     pub root_momentum: T,
     /// See `root_momentum`.
     pub tip_momentum: T,
+    /// Rate at which the tip turns against the inertial frame, rad/s, as the gyro at the tip wheel measures it;
+    /// only for a law that [`Law::needs_tip_rate`].
+    pub tip_turn_rate: T,
 }
 
 /// What a law keeps from one sample to the next.
@@ -186,6 +218,8 @@ pub struct LawMemory<T> {
     pub started: T,
     /// Of the servo.
     pub servo: ServoMemory<T>,
+    /// Of the filters of root and tip wheel: what passes, and its rate.
+    pub filters: [[T; 2]; 2],
 }
 
 laned!(LawMemory {
@@ -193,6 +227,7 @@ laned!(LawMemory {
     link2_deflection_rate,
     started,
     servo,
+    filters,
 });
 
 impl<T: Lane> LawMemory<T> {
@@ -203,6 +238,7 @@ impl<T: Lane> LawMemory<T> {
             link2_deflection_rate: T::splat(0.0),
             started: T::splat(0.0),
             servo: ServoMemory::fresh(),
+            filters: [[T::splat(0.0); 2]; 2],
         }
     }
 }
@@ -227,13 +263,15 @@ impl LawMemory<f64> {
     }
 }
 
-/// Inertia of link 2 and the *reported* payload as the Lyapunov law uses it (constant in an episode).
+/// Inertia of the arm and the *reported* payload as laws use it (constant in an episode).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownInertia<T> {
     pub(crate) l1: T,
     pub(crate) rho2: T,
     pub(crate) mass: T,
     pub(crate) inertia_attachment: T,
+    /// Of the whole arm about the shoulder, a polynomial of the extension.
+    pub(crate) whole: [T; 3],
 }
 
 laned!(KnownInertia {
@@ -241,16 +279,19 @@ laned!(KnownInertia {
     rho2,
     mass,
     inertia_attachment,
+    whole,
 });
 
 impl KnownInertia<f64> {
-    /// From the arm and the reported payload.
-    pub fn new(arm: &Arm, reported: &PayloadProperties) -> Self {
+    /// From the arm, the reported payload and the moment of inertia of both, a polynomial of the extension
+    /// (kg m^2).
+    pub fn new(arm: &Arm, reported: &PayloadProperties, whole: [f64; 3]) -> Self {
         Self {
             l1: arm.link1.length,
             rho2: arm.link2.mass_per_length,
             mass: reported.mass,
             inertia_attachment: reported.inertia_attachment,
+            whole,
         }
     }
 }

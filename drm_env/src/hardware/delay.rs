@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::hardware::reaction_wheel::WheelTorques;
-use crate::hardware::sensors::Sensors;
+use crate::hardware::sensors::{OUTPUTS, Sensors};
 use crate::math::rng::Stream;
 
 /// Delay lines and noise of one manoeuvre.
@@ -15,9 +15,11 @@ pub(crate) struct DelayLines {
     root: VecDeque<f64>,
     tip: VecDeque<f64>,
     /// Outputs on their way to the reader, oldest first.
-    sensor: VecDeque<[f64; 4]>,
+    sensor: VecDeque<[f64; OUTPUTS]>,
     errors: Sensors,
     noise: Stream,
+    /// Of the gyro at the tip wheel: a stream of its own, so that it moves no other noise.
+    tip_noise: Stream,
 }
 
 /// How long the lines are, in samples.
@@ -37,19 +39,25 @@ impl Delays {
 
 impl DelayLines {
     /// At t = 0, with zero commands and `output` on their way.
-    pub(crate) fn new(delays: Delays, output: [f64; 4], errors: Sensors, noise: Stream) -> Self {
+    pub(crate) fn new(
+        delays: Delays,
+        output: [f64; OUTPUTS],
+        errors: Sensors,
+        noise: Stream,
+    ) -> Self {
         Self {
             root: VecDeque::from(vec![0.0; delays.root]),
             tip: VecDeque::from(vec![0.0; delays.tip]),
             sensor: VecDeque::from(vec![output; delays.sensor]),
             errors,
+            tip_noise: noise.beside(),
             noise,
         }
     }
 
     /// Memory of it, bytes.
     pub(crate) fn bytes(&self) -> usize {
-        let numbers = self.root.len() + self.tip.len() + 4 * self.sensor.len();
+        let numbers = self.root.len() + self.tip.len() + OUTPUTS * self.sensor.len();
         size_of::<Self>() + numbers * size_of::<f64>()
     }
 
@@ -60,6 +68,7 @@ impl DelayLines {
             && self.sensor.len() == other.sensor.len()
             && self.errors == other.errors
             && self.noise.track() == other.noise.track()
+            && self.tip_noise.track() == other.tip_noise.track()
     }
 
     /// Every number on its way: commands of root and tip wheel, and outputs.
@@ -89,14 +98,18 @@ impl DelayLines {
     }
 
     /// What is read where the outputs are `truth`.
-    pub(crate) fn sense(&mut self, truth: [f64; 4]) -> [f64; 4] {
+    pub(crate) fn sense(&mut self, truth: [f64; OUTPUTS]) -> [f64; OUTPUTS] {
         self.sensor.push_back(truth);
         let mut measured = self.sensor.pop_front().unwrap_or(truth);
         let noise = self.errors.noise();
-        if noise.iter().any(|&std| std > 0.0) {
-            for (value, std) in measured.iter_mut().zip(noise) {
+        let [at_shoulder @ .., tip] = &noise;
+        if at_shoulder.iter().any(|&std| std > 0.0) {
+            for (value, std) in measured.iter_mut().zip(at_shoulder) {
                 *value += std * self.noise.normal();
             }
+        }
+        if *tip > 0.0 {
+            measured[OUTPUTS - 1] += tip * self.tip_noise.normal();
         }
         for (value, quantum) in measured.iter_mut().zip(self.errors.resolution()) {
             if quantum > 0.0 {

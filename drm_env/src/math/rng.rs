@@ -85,11 +85,24 @@ impl Stream {
         ))
     }
 
+    /// Another stream of the same seed, episode and purpose.
+    #[must_use]
+    pub(crate) fn beside(&self) -> Self {
+        let [high, low] = [0x7469_705f_6779_726f, 0x6265_7369_6465_2121].map(mixed);
+        let other = (u128::from(high) << 64) | u128::from(low);
+        let (state, increment) = self.words().unwrap_or_default();
+        Self(Pcg64::new(state ^ other, (increment >> 1) ^ other))
+    }
+
+    /// State and increment.
+    fn words(&self) -> Option<(u128, u128)> {
+        let bytes = postcard::to_allocvec(self).ok()?;
+        postcard::from_bytes(&bytes).ok()
+    }
+
     /// What tells the streams of seeds, episodes and purposes apart at any time: their increments.
     pub(crate) fn track(&self) -> Option<u128> {
-        let bytes = postcard::to_allocvec(self).ok()?;
-        let (_state, increment): (u128, u128) = postcard::from_bytes(&bytes).ok()?;
-        Some(increment)
+        self.words().map(|(_state, increment)| increment)
     }
 
     /// Uniform on [0, 1): the upper 53 bits of a word.

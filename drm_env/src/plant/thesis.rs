@@ -198,6 +198,15 @@ impl Constants<f64> {
     }
 }
 
+impl<T: Lane> Constants<T> {
+    /// Rate that a torque of the tip wheel works on, rad/s: of the slew angle (rad/s), as far as it works on
+    /// it, and of beta (m/s) at an extension (m).
+    #[inline(always)]
+    pub fn tip_turn_rate(&self, slew_rate: T, beta_rate: T, extension: T) -> T {
+        (extension.recip() * 3.0).mul_add(beta_rate, self.tip_on_slew * slew_rate)
+    }
+}
+
 /// The model's matrices at one length, row-major in the order (theta, alpha, beta).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Matrices<T> {

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::check::{finite, non_negative, positive};
 use crate::error::ConfigError;
 use crate::reference::series::Series;
+use crate::reference::shaping::Shaper;
 
 /// Family of slew acceleration profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -40,6 +41,8 @@ pub struct Slew {
     pub times: Series,
     /// Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest.
     pub accelerations: Series,
+    /// What the profile is convolved with, so that it does not excite the lowest mode.
+    pub shaper: Shaper,
 }
 
 impl Default for Slew {
@@ -53,6 +56,7 @@ impl Default for Slew {
             final_time: None,
             times: Series::default(),
             accelerations: Series::default(),
+            shaper: Shaper::default(),
         }
     }
 }
@@ -94,6 +98,7 @@ impl Slew {
     pub fn validate(&self) -> Result<(), ConfigError> {
         finite("angle", self.angle)?;
         positive("max_accel", self.max_accel)?;
+        self.shaper.validate().map_err(|e| e.within("shaper"))?;
         if let Some(time) = self.final_time {
             positive("final_time", time)?;
         }
@@ -208,7 +213,7 @@ impl Slew {
         }
     }
 
-    /// Exact final time, s: the profile's first integral is zero and its second the angle.
+    /// Exact final time of the profile before it is shaped, s: its first integral is zero and its second the angle.
     pub fn final_time(&self) -> f64 {
         match (self.profile, self.final_time) {
             (SlewProfile::Table, _) => self.times.values().last().map_or(0.0, |time| *time),
@@ -262,7 +267,7 @@ impl Slew {
         pieces
     }
 
-    /// The pieces from t = 0, the last of which (at rest at the final angle) has no end.
+    /// The pieces of the profile before it is shaped, from t = 0; the last (at rest at the final angle) has no end.
     pub fn pieces(&self) -> Vec<SlewPiece> {
         let tf = self.final_time();
         if self.profile == SlewProfile::Table {

@@ -19,9 +19,13 @@ use super::recorder::{Recorder, Recording};
 use super::{Flown, noise};
 
 /// Numbers that a law is told of each manoeuvre.
-pub const TOLD: usize = 14;
+pub const TOLD: usize = 15;
 
-/// What a law is told, in the order of the columns: the measurement, and the payload as reported.
+/// Numbers of the measurement before the payload.
+const SEEN: usize = 11;
+
+/// What a law is told, in the order of the columns: the measurement, the payload as reported, and what the
+/// gyro at the tip wheel measures.
 pub const TOLD_NAMES: [&str; TOLD] = [
     "slew_error",
     "slew_error_rate",
@@ -37,6 +41,7 @@ pub const TOLD_NAMES: [&str; TOLD] = [
     "payload_mass",
     "payload_length",
     "payload_width",
+    "tip_turn_rate",
 ];
 
 /// A law that is asked: for what is told of every manoeuvre, the torques of root and tip wheel of each, N m,
@@ -76,7 +81,7 @@ impl<'a> Flying<'a> {
     ) -> Result<Self, ConfigError> {
         let reported = scenario.reported()?;
         let mut told = [0.0; TOLD];
-        told[TOLD - 3..].copy_from_slice(&[reported.mass, reported.length, reported.width]);
+        told[SEEN..TOLD - 1].copy_from_slice(&[reported.mass, reported.length, reported.width]);
         Ok(Self {
             left: scenario.samples(),
             hold,
@@ -91,7 +96,8 @@ impl<'a> Flying<'a> {
     fn look(&mut self) -> [f64; TOLD] {
         if self.ended.is_none() {
             let seen = self.flight.measurement();
-            self.told[..TOLD - 3].copy_from_slice(&[
+            self.told[TOLD - 1] = self.flight.measured_tip_rate();
+            self.told[..SEEN].copy_from_slice(&[
                 seen.slew_error,
                 seen.slew_error_rate,
                 seen.link2_deflection,

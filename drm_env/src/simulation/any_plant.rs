@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::arm::{LINK_END_DEFLECTION, PayloadProperties};
 use crate::config::scenario::Scenario;
 use crate::error::ConfigError;
+use crate::hardware::sensors::OUTPUTS;
 use crate::math::generalized_alpha::GeneralizedAlpha;
 use crate::plant::PlantModel;
 use crate::plant::consistent::{CAPACITY, ConsistentLanes, ConsistentPlant, ConsistentState};
@@ -106,15 +107,16 @@ impl<T: Number> Outputs<T> {
         sum
     }
 
-    /// Slew angle and rate, link-2 tip deflection 2 beta and its rate.
+    /// Slew angle and rate, link-2 tip deflection 2 beta and its rate, and the rate at which the tip turns.
     #[inline(always)]
-    pub fn measurable(&self) -> [T; 4] {
+    pub fn measurable(&self, tip_turn_rate: T) -> [T; OUTPUTS] {
         let Self { slew, beta, .. } = self;
         [
             slew[0],
             slew[1],
             beta[0] * LINK_END_DEFLECTION,
             beta[1] * LINK_END_DEFLECTION,
+            tip_turn_rate,
         ]
     }
 }
@@ -461,9 +463,37 @@ impl<T: Number> AnyPlant<T> {
             seen.outputs = body.outputs(&seen.state, extension);
         }
     }
+
+    /// Rate at which the tip turns, rad/s: what a torque of the tip wheel works on.
+    #[inline(always)]
+    pub fn tip_turn_rate(&self, motion: &Motion<T>, extension: &Extension<T>) -> T {
+        match (self, motion) {
+            (Self::Thesis(constants), Motion::Thesis(motion)) => {
+                let [_, _, _, slew_rate, _, beta_rate] = *motion;
+                constants.tip_turn_rate(slew_rate, beta_rate, extension.length)
+            }
+            (Self::Consistent(body), Motion::Consistent(seen)) => {
+                body.tip_turn_rate(&seen.state, extension)
+            }
+            _ => T::splat(f64::NAN),
+        }
+    }
 }
 
 impl<T: Number> Consistent<T> {
+    #[inline(always)]
+    fn tip_turn_rate(&self, state: &ConsistentState<T>, extension: &Extension<T>) -> T {
+        let mut rate = self.lanes.tip_turn_rate(state, extension);
+        if !self.together {
+            for (lane, plant) in self.plants.iter().enumerate() {
+                let one = ConsistentLanes::new(plant)
+                    .tip_turn_rate(&state.lane(lane), &extension.lane_of(lane));
+                rate.set_lane(lane, one);
+            }
+        }
+        rate
+    }
+
     #[inline(always)]
     fn outputs(&self, state: &ConsistentState<T>, extension: &Extension<T>) -> Outputs<T> {
         let mut seen = self.lanes.outputs(state, extension);

@@ -92,7 +92,11 @@ impl LaneConstants<f64> {
             inertia: RigidInertia::new(arm, &plan.reported)
                 .with_motor(plan.scenario.slew_motor.open_loop_limit),
             payload_inertia: RigidInertia::of_payload(arm, &plan.reported),
-            known: KnownInertia::new(arm, &plan.reported),
+            known: KnownInertia::new(
+                arm,
+                &plan.reported,
+                RigidInertia::new(arm, &plan.reported).coefficients(),
+            ),
             root: limits(&plan.root),
             tip: limits(&plan.tip),
             direction: plan.direction(),

@@ -68,7 +68,7 @@ impl<T: Number> Flight<T> {
         self.common.put_lane(lane, &single.common);
         self.motion.put(lane, &single.motion);
         self.refresh_flags();
-        let measured = single.measured();
+        let measured = single.all_measured();
         if let Some(all) = &mut self.measured {
             all.put_lane(lane, &measured);
         }
@@ -113,7 +113,7 @@ impl<T: Number> Flight<T> {
         if self.plain {
             self.measured = None;
         } else if self.measured.is_none() {
-            self.measured = Some(Box::new(self.outputs().measurable()));
+            self.measured = Some(Box::new(self.measurable()));
         }
     }
 

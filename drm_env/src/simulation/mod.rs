@@ -31,6 +31,7 @@ use crate::config::distribution::Setting;
 use crate::config::scenario::Scenario;
 use crate::control::Measurement;
 use crate::hardware::reaction_wheel::WheelTorques;
+use crate::hardware::sensors::OUTPUTS;
 use crate::reference::timeline::Timeline;
 use crate::simd::Number;
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
@@ -60,9 +61,9 @@ pub struct Flight<T: Number = f64> {
     clock: Clock<T>,
     pub(crate) common: LaneState<T>,
     motion: Motion<T>,
-    /// Slew angle and rate, link-2 tip deflection and its rate as measured, where that is not what they
-    /// are.
-    measured: Option<Box<[T; 4]>>,
+    /// Slew angle and rate, link-2 tip deflection and its rate, and the rate at which the tip turns as
+    /// measured, where that is not what they are.
+    measured: Option<Box<[T; OUTPUTS]>>,
     /// Squared torque fractions of both wheels over the last sample.
     effort: T,
     /// Lanes that stay as they are, a bit each.
@@ -106,10 +107,32 @@ impl<T: Number> Flight<T> {
     /// Slew angle (rad) and rate (rad/s), link-2 tip deflection (m) and its rate (m/s) as measured.
     #[inline(always)]
     pub fn measured(&self) -> [T; 4] {
-        match &self.measured {
+        let [angle, rate, deflection, deflection_rate, _] = match &self.measured {
             Some(measured) => **measured,
-            None => self.outputs().measurable(),
+            None => self.outputs().measurable(T::splat(0.0)),
+        };
+        [angle, rate, deflection, deflection_rate]
+    }
+
+    /// Rate at which the tip turns (rad/s) as measured by a gyro at the tip wheel.
+    #[inline(always)]
+    pub fn measured_tip_rate(&self) -> T {
+        match &self.measured {
+            Some(measured) => measured[OUTPUTS - 1],
+            None => self.tip_turn_rate(),
         }
+    }
+
+    /// Rate at which the tip turns, rad/s.
+    #[inline(always)]
+    fn tip_turn_rate(&self) -> T {
+        self.body.tip_turn_rate(&self.motion, &self.clock.extension)
+    }
+
+    /// All that can be measured, as it is.
+    #[inline(always)]
+    fn measurable(&self) -> [T; OUTPUTS] {
+        self.outputs().measurable(self.tip_turn_rate())
     }
 
     pub(crate) fn fixed(&self) -> &LaneConstants<T> {
@@ -163,7 +186,7 @@ impl<T: Number> Flight<T> {
         mass_error(momentum, rate, reported, payload)
     }
 
-    /// What a law is told now.
+    /// What a law is told now, but for [`Measurement::tip_turn_rate`], which is zero: few laws want it.
     #[inline(always)]
     pub fn measurement(&self) -> Measurement<T> {
         let [angle, rate, deflection, deflection_rate] = self.measured();
@@ -179,13 +202,17 @@ impl<T: Number> Flight<T> {
             slew_torque: self.common.torques[0],
             root_momentum: self.common.root.momentum - self.fixed.stored,
             tip_momentum: self.common.tip.momentum,
+            tip_turn_rate: T::splat(0.0),
         }
     }
 
     /// Torques that a law asks for now, N m, before saturation.
     #[inline(always)]
     pub fn law_torques(&mut self, law: &crate::control::Law) -> WheelTorques<T> {
-        let measurement = self.measurement();
+        let mut measurement = self.measurement();
+        if law.needs_tip_rate() {
+            measurement.tip_turn_rate = self.measured_tip_rate();
+        }
         if let Some(servo) = law.needs_model() {
             self.model_for(servo);
         }

@@ -11,8 +11,9 @@ use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::hardware::delay::Delays;
 use crate::hardware::reaction_wheel::Wheel;
+use crate::hardware::sensors::OUTPUTS;
 use crate::plant::RigidInertia;
-use crate::reference::deployment::DeploymentPiece;
+use crate::reference::shaping::ShaperKind;
 use crate::reference::timeline::Timeline;
 
 /// What is fixed through one episode.
@@ -117,15 +118,12 @@ impl Plan {
         let deployment_start = leg.map_or(0.0, |leg| leg.deployment_start);
         let payload = scenario.true_payload()?;
         let reported = scenario.reported()?;
-        let duration = scenario.deployment_time(&reported);
         let (root, tip) = (scenario.root_wheel.wheel(), scenario.tip_wheel.wheel());
-        let mut deployment = scenario.deployment.pieces(duration);
-        if deployment_start > 0.0 {
-            delay(&mut deployment, deployment_start);
-        }
+        let deployment = scenario.deployment_pieces(deployment_start)?;
+        let slew = scenario.slew_pieces(&deployment)?;
         let late = [&root, &tip].map(|wheel| wheel.lag + wheel.dead_time);
         let handling = leg.and_then(|leg| leg.handling.planned(late));
-        let mut timeline = Timeline::new(&scenario.slew.pieces(), &deployment);
+        let mut timeline = Timeline::new(&slew, &deployment);
         if let Some(handling) = &handling {
             timeline = timeline.with_switches(handling.switches());
         }
@@ -134,8 +132,11 @@ impl Plan {
             scenario: **scenario,
             payload,
             reported,
+            slew_end_time: match (scenario.slew.shaper.kind, slew.last()) {
+                (ShaperKind::None, _) | (_, None) => scenario.slew.final_time(),
+                (_, Some(last)) => last.start,
+            },
             timeline: Arc::new(timeline),
-            slew_end_time: scenario.slew.final_time(),
             delays: Delays {
                 root: scenario.delay_samples("root_wheel.dead_time", root.dead_time)?,
                 tip: scenario.delay_samples("tip_wheel.dead_time", tip.dead_time)?,
@@ -168,7 +169,7 @@ impl Plan {
     /// Whether commands and outputs pass as they are.
     pub(crate) fn is_plain(&self) -> bool {
         let sensors = &self.scenario.sensors;
-        let exact = |values: [f64; 4]| values.iter().all(|&value| value == 0.0);
+        let exact = |values: [f64; OUTPUTS]| values.iter().all(|&value| value == 0.0);
         self.delays.none() && exact(sensors.noise()) && exact(sensors.resolution())
     }
 
@@ -183,20 +184,6 @@ impl Plan {
     pub(crate) fn steps_per_sample(&self) -> usize {
         steps_within(self.scenario.sample_period, self.scenario.integrator_step)
     }
-}
-
-/// Lets a deployment begin later; the length stands still before.
-fn delay(pieces: &mut Vec<DeploymentPiece>, time: f64) {
-    let at_rest = DeploymentPiece {
-        start: 0.0,
-        rate: 0.0,
-        accel: 0.0,
-        ..pieces[0]
-    };
-    for piece in pieces.iter_mut() {
-        piece.start += time;
-    }
-    pieces.insert(0, at_rest);
 }
 
 /// Number of equal steps, none longer than `longest`, that fill a span; a remainder below a

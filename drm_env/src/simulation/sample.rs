@@ -343,7 +343,7 @@ impl<T: Number> Flight<T> {
     /// Reads the sensors of each lane at the present instant.
     #[inline(never)]
     pub(super) fn sense(&mut self) {
-        let truth = self.outputs().measurable();
+        let truth = self.measurable();
         let Some(measured) = &mut self.measured else {
             return;
         };

@@ -6,6 +6,7 @@ use crate::control::LawMemory;
 use crate::error::ConfigError;
 use crate::hardware::delay::DelayLines;
 use crate::hardware::reaction_wheel::{WheelState, WheelTorques};
+use crate::hardware::sensors::OUTPUTS;
 use crate::math::rng::Stream;
 use crate::plant::energy::Energy;
 use crate::reference::Extension;
@@ -37,11 +38,12 @@ impl Flight<f64> {
         let clock = Clock::new(&plan.timeline, index, 0.0);
         let motion = body.start(&plan.scenario, &clock.extension);
         let outputs = motion.outputs();
+        let tip_turn_rate = body.tip_turn_rate(&motion, &clock.extension);
         let lines = (!plan.is_plain()).then(|| {
             let sensors = plan.scenario.sensors;
             Box::new(DelayLines::new(
                 plan.delays,
-                outputs.measurable(),
+                outputs.measurable(tip_turn_rate),
                 sensors,
                 noise,
             ))
@@ -83,6 +85,14 @@ impl Flight<f64> {
             flight.sense();
         }
         flight
+    }
+
+    /// All that is measured.
+    pub(super) fn all_measured(&self) -> [f64; OUTPUTS] {
+        match &self.measured {
+            Some(measured) => **measured,
+            None => self.measurable(),
+        }
     }
 
     /// The manoeuvre.

@@ -4,6 +4,7 @@ use super::Flight;
 use crate::control::LawMemory;
 use crate::error::SnapshotError;
 use crate::hardware::delay::DelayLines;
+use crate::hardware::sensors::OUTPUTS;
 use crate::simulation::any_plant::Motion;
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::WheelLimits;
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub struct FlightState {
     common: LaneState<f64>,
     motion: Motion<f64>,
-    measured: [f64; 4],
+    measured: [f64; OUTPUTS],
     lines: Option<Box<DelayLines>>,
 }
 
@@ -25,7 +26,7 @@ impl Flight<f64> {
         FlightState {
             common: self.common,
             motion: self.motion.clone(),
-            measured: self.measured(),
+            measured: self.all_measured(),
             lines: self.manoeuvres[0].lines.clone(),
         }
     }
@@ -101,6 +102,7 @@ impl Flight<f64> {
             link2_deflection_rate,
             started,
             servo,
+            filters,
         } = *memory;
         let lines = &self.manoeuvres[0].lines;
         let [to_root, to_tip, seen] = lines
@@ -109,7 +111,8 @@ impl Flight<f64> {
         let following = [
             &[slew_error_rate, link2_deflection_rate][..],
             &servo.numbers(),
-            &self.measured(),
+            &self.all_measured(),
+            filters.as_flattened(),
             &seen,
         ];
         within(&[root.torque], &self.fixed.root)

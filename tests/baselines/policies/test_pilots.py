@@ -117,8 +117,11 @@ def test_every_door_knows_every_name(name: str) -> None:
     assert contestant_named(ARENA, name).label.startswith(find(name).title)
     assert [one.policy for one in chosen(competitors(), [name])] == [find(name).name]
     if find(name).kind in ("controller", "bound"):
-        with pytest.raises(PolicyError, match="plans a whole manoeuvre"):
+        with pytest.raises(PolicyError, match="does not act on observations"):
             make_policy(name)
+    elif find(name).kind == "shaped law" or name in ("linear_collocated", "collocated"):
+        with pytest.raises(PolicyError, match=r"is a law and a manoeuvre|gyro at the tip wheel"):
+            make_policy(name, config={"task": {"control_period": 0.002}})
     elif find(name).kind == "learned":
         assert make_policy(name).control_period == pilot_named(name).control_period
     else:
@@ -206,7 +209,9 @@ def test_the_keys_of_the_records_that_there_are_stay(name: str) -> None:
             "engine": drm_env.__version__,
         }
         if kind == "controller":
-            content["receding"] = RecedingPilot().details["receding"]
+            content |= pilot_named(name).details
+        if kind == "shaped law":
+            content |= {"law": {"name": "servo"}, "slew_shaper": name.removeprefix("servo_")}
         if flown != len(manoeuvres):
             content["episodes"] = flown
         text = json.dumps(content, sort_keys=True, default=str)

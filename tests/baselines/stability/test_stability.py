@@ -14,8 +14,14 @@ from drm_baselines.stability import STABLE, Loop, closed_loop, growth_rate, stab
 
 LINK1, LENGTH, MASS = 7.0, 8.0, 200.0
 
+Law = str | dict[str, Any]
 
-def released(law: str, loop: Loop, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+
+def data_of(law: Law) -> dict[str, Any]:
+    return law_data(law) if isinstance(law, str) else law
+
+
+def released(law: Law, loop: Loop, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Time and slew rate of an arm at rest that is let go from a tiny deflection."""
     scenario: dict[str, Any] = {
         "plant": "consistent",
@@ -32,7 +38,7 @@ def released(law: str, loop: Loop, seconds: float) -> tuple[np.ndarray, np.ndarr
         "sample_period": loop.period,
         "horizon": seconds,
     }
-    flight = drm_env.simulate(scenario, law=law_data(law))
+    flight = drm_env.simulate(scenario, law=data_of(law))
     return flight["time"], flight["slew_rate"]
 
 
@@ -51,11 +57,12 @@ def test_without_a_law_the_poles_are_those_of_the_damped_arm() -> None:
         ("lyapunov", Loop()),
         ("linear", Loop(lag=0.0, delay=0.0)),
         ("linear", Loop(lag=0.02, delay=0.004, modes=(2, 2))),
+        ({"name": "linear", "root": None, "tip": {"rate_gain": 0.0, "turn_gain": 2e4}}, Loop()),
     ],
-    ids=["linear", "Lyapunov", "ideal wheels", "slow wheels"],
+    ids=["linear", "Lyapunov", "ideal wheels", "slow wheels", "gyro"],
 )
-def test_a_flight_grows_at_the_rate_of_the_worst_pole(law: str, loop: Loop) -> None:
-    rate = growth_rate(closed_loop(law_data(law), LENGTH, MASS, loop=loop), loop.period)
+def test_a_flight_grows_at_the_rate_of_the_worst_pole(law: Law, loop: Loop) -> None:
+    rate = growth_rate(closed_loop(data_of(law), LENGTH, MASS, loop=loop), loop.period)
     assert rate > 1.0
     # from 1e-60 m by fifty orders: far from any limit, and in the end the worst is alone
     time, motion = released(law, loop, 120.0 / rate)
@@ -74,6 +81,19 @@ def test_servo_is_stable_where_the_environment_draws(stiffness: float, mass_erro
         mass_error=mass_error, loop=loop,
     )  # fmt: skip
     assert found.stable, found.rates
+
+
+@pytest.mark.parametrize(
+    "name", ["linear_filtered", "lyapunov_filtered", "linear_collocated", "collocated"]
+)
+def test_laws_with_filters_are_stable_on_a_flexible_arm(name: str) -> None:
+    found = stability_map(name, law_data(name), [1.0, 3.0, 5.0, 8.0], [50.0, 200.0, 500.0])
+    assert found.stable, found.rates
+    # what makes them so
+    bare = law_data(name)
+    for wheel in ("root", "tip"):
+        bare[wheel] = {**bare[wheel], "filter": None}
+    assert not stability_map(name, bare, [1.0, 8.0], [50.0, 500.0]).stable
 
 
 def test_laws_of_the_thesis_are_unstable_on_a_flexible_arm() -> None:

@@ -18,7 +18,7 @@ from drm_baselines.benchmark.records import Record, SuiteResult
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.metrics import describe
 
-KINDS = ("bound", "open loop", "law", "tuned law", "controller", "learned")
+KINDS = ("bound", "open loop", "law", "tuned law", "shaped law", "controller", "learned")
 """Kinds of policies in the order of tables."""
 
 JUDGE = "tip_error_rms"

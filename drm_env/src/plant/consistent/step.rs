@@ -252,6 +252,22 @@ impl<T: Lane> ConsistentLanes<T> {
         }
     }
 
+    /// Rate at which the tip turns against the inertial frame, rad/s: what a torque of the tip wheel works on.
+    #[inline(always)]
+    pub fn tip_turn_rate(&self, state: &ConsistentState<T>, extension: &Extension<T>) -> T {
+        let (n, m) = self.arm.modes();
+        let arm = &*self.arm;
+        let (q, v) = (&state.q, &state.v);
+        let slope = [
+            form(&arm.tip_slope[..m], &q[1 + n..1 + n + m]),
+            form(&arm.tip_slope[..m], &v[1 + n..1 + n + m]),
+        ];
+        // a slope per unit of link 2's length, which grows
+        let shrink = extension.length.recip();
+        let own = (extension.rate * shrink).negated_mul_add(slope[0], slope[1]) * shrink;
+        v[0] + form(&arm.turn[..n], &v[1..1 + n]) + own
+    }
+
     /// Advances `state` by a step of length `h` (s), under torques at its beginning, middle and end
     /// (N m), where `active` is 1; where it is 0 a lane keeps its state. `extension` is that at the
     /// scheme's balance point, and its acceleration that of the whole step. Torques and extension
