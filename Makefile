@@ -123,7 +123,7 @@ $(UV): requirements-demo.txt
 	@touch $@
 
 $(LIGHT): $(UV)
-	@echo "installing the Python packages that a look needs into .venv (seconds, 250 MB)"
+	@echo "installing the Python packages that a look needs into .venv (seconds; 360 MB)"
 	@$(BIN)/uv pip install --python $(BIN)/python --require-hashes -r requirements-demo.txt
 	@touch $@
 
