@@ -1,4 +1,4 @@
-"""Make the picture of a frame in docs/images: what an environment shows in the middle of an episode.
+"""Make the picture of a frame in docs/images: what an environment shows within an episode.
 
     tools/frame_picture.py [OUTPUT]
 
