@@ -6,9 +6,12 @@ SHELL := /bin/bash
 
 PYTHON ?= python3
 BIN := .venv/bin
+# What has been done in .venv: the installer, few packages or all of them, the engine as a release.
 UV := .venv/.uv
+LIGHT := .venv/.light
 TOOLS := .venv/.requirements
-READY := .venv/.ready
+ENGINE := .venv/.engine
+READY := $(TOOLS) $(ENGINE)
 
 RUST_SOURCES := $(shell find drm_env -path drm_env/web -prune -o \( -name '*.rs' -o -name Cargo.toml \) -print 2>/dev/null) Cargo.toml $(wildcard Cargo.lock)
 
@@ -26,8 +29,9 @@ help:
 .PHONY: build
 build: $(READY) ## the virtual environment .venv with everything in it
 
+# few packages: the rest is in the way of nothing, and comes with the other targets
 .PHONY: demo
-demo: $(READY) ## fly one manoeuvre with and without control and show the result
+demo: $(ENGINE) ## fly laws and policies that learned, and show the result (few packages)
 	$(BIN)/drm demo
 
 .PHONY: test
@@ -46,7 +50,7 @@ soak: $(READY) ## what takes long: commands killed again and again, thousands of
 edit: $(TOOLS) ## compile the engine quickly after an edit (the same bits; CONTRIBUTING.md)
 	@$(DEVELOP) --profile edit
 	@test -x $(BIN)/drm || $(INSTALL_BASELINES)
-	@rm -f $(READY)
+	@rm -f $(ENGINE)
 
 .PHONY: lint
 lint: $(READY) ## formatting, lints, types, generated files and the direction of dependencies
@@ -71,7 +75,7 @@ lint: $(READY) ## formatting, lints, types, generated files and the direction of
 	grep -q "did not match any packages" <<< "$$found" || { echo "$$found" >&2; exit 1; }
 
 .PHONY: bench
-bench: $(READY) ## time the engine (Criterion)
+bench: $(ENGINE) ## time the engine (Criterion)
 	cargo bench
 
 .PHONY: generate
@@ -79,7 +83,7 @@ generate: $(READY) ## rewrite the type stub and the configuration dataclasses fr
 	tools/generate.sh python/drm_env
 
 .PHONY: lab
-lab: $(READY) ## the page in which the arm is flown: site/lab/index.html (docs/lab.md)
+lab: $(ENGINE) ## the page in which the arm is flown: site/lab/index.html (docs/lab.md)
 	@! command -v rustup > /dev/null || rustup target list --installed | grep -qx wasm32-unknown-unknown \
 	  || rustup target add wasm32-unknown-unknown
 	$(BIN)/python tools/lab.py site/lab/index.html
@@ -93,7 +97,7 @@ docs: $(READY) ## the documentation: site/docs/index.html (the notebooks run; th
 	$(BIN)/python tools/check_site.py site/docs
 
 .PHONY: dist
-dist: $(TOOLS) ## wheels and source distributions in dist/, each tried in an empty environment
+dist: $(LIGHT) ## wheels and source distributions in dist/, each tried in an empty environment
 	@test "$$(uname)" != Linux || $(BIN)/uv pip install --quiet --python $(BIN)/python ziglang==0.17.1
 	$(BIN)/python tools/dist.py
 
@@ -103,26 +107,34 @@ clean: ## remove everything that was built, the virtual environment included
 	find python baselines tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/drm_env/_engine*.so python/drm_env/_engine*.pyd
 
+COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+  --no-header --no-emit-index-url --no-emit-find-links
+
 .PHONY: requirements
-requirements: $(TOOLS) # resolve requirements-dev.in anew into requirements-dev.txt
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --upgrade \
-	  --no-header --no-emit-index-url --no-emit-find-links requirements-dev.in -o requirements-dev.txt
+requirements: $(TOOLS) # resolve requirements-*.in anew into requirements-*.txt
+	$(COMPILE) --upgrade requirements-dev.in -o requirements-dev.txt
+	$(COMPILE) --upgrade --no-annotate -c requirements-dev.txt requirements-demo.in -o requirements-demo.txt
 
 # The installer comes by pip, in the version and with the hashes that are pinned for it; it brings the rest.
-$(UV): requirements-dev.txt
+$(UV): requirements-demo.txt
 	@test -x $(BIN)/python || { echo "making .venv"; $(PYTHON) -m venv .venv; }
-	@awk '/^uv==/ { found = 1 } found { print } found && !/\\$$/ { exit }' requirements-dev.txt > .venv/uv.txt
+	@awk '/^uv==/ { found = 1 } found { print } found && !/\\$$/ { exit }' requirements-demo.txt > .venv/uv.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .venv/uv.txt
 	@touch $@
 
-$(TOOLS): $(UV)
-	@echo "installing the Python packages into .venv (1 of 2; about a minute, and several GB with PyTorch)"
+$(LIGHT): $(UV)
+	@echo "installing the Python packages that a look needs into .venv (seconds; 360 MB)"
+	@$(BIN)/uv pip install --python $(BIN)/python --require-hashes -r requirements-demo.txt
+	@touch $@
+
+$(TOOLS): $(LIGHT) requirements-dev.txt
+	@echo "installing all Python packages into .venv (about a minute, and several GB with PyTorch)"
 	@$(BIN)/uv pip install --python $(BIN)/python --require-hashes -r requirements-dev.txt
 	@touch $@
 
 # Python files are imported from the source tree: only Rust and packaging files call for a rebuild.
-$(READY): $(TOOLS) $(RUST_SOURCES) pyproject.toml baselines/pyproject.toml
-	@echo "compiling the engine (2 of 2; about three minutes on two cores the first time)"
+$(ENGINE): $(LIGHT) $(RUST_SOURCES) pyproject.toml baselines/pyproject.toml
+	@echo "compiling the engine (about three minutes on two cores the first time)"
 	@$(DEVELOP) --release
 	@$(INSTALL_BASELINES)
 	@touch $@

@@ -5,6 +5,7 @@ its batch on one core.
 """
 
 import argparse
+from typing import Any
 
 import gymnasium as gym
 from ray.rllib.algorithms.ppo import PPOConfig
@@ -31,9 +32,9 @@ config = (
     .training(train_batch_size_per_learner=given.batch, minibatch_size=given.batch // 8, lr=3e-4)
 )
 trainer = config.build_algo()
-batch = trainer.env_runner.env.unwrapped if trainer.env_runner is not None else None
-if batch is not None:
-    assert isinstance(batch, drm_env.DrmVectorEnv), batch
+runner: Any = trainer.env_runner  # none where runners are processes of their own
+if runner is not None:
+    assert isinstance(runner.env.unwrapped, drm_env.DrmVectorEnv), runner.env
 for _ in range(given.iterations):
     result = trainer.train()
     runners = result["env_runners"]

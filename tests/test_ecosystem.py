@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import multiprocessing
 import re
 import shlex
 import subprocess
@@ -64,7 +65,10 @@ def test_a_block_of_the_page_runs(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     names: dict[str, Any] = {"__name__": "__main__"}
+    start_method = multiprocessing.get_start_method(allow_none=True)
     exec(compile(code, "docs/ecosystem.md", "exec"), names)
+    # TorchRL has it spawn from then on
+    multiprocessing.set_start_method(start_method, force=True)
     if "minari" in code:
         check_dataset(names)
     if "RecordVideo" in code:
@@ -127,10 +131,15 @@ def check_torchrl(names: dict[str, Any]) -> None:
 ID = "drm_env/Slew-v1"
 
 
-def test_async_vector_env_flies_the_same() -> None:
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_async_vector_env_flies_the_same(context: str) -> None:
+    if context not in multiprocessing.get_all_start_methods():
+        pytest.skip(f"there is no {context} here")
     options: dict[str, Any] = {"payload_mass": (50.0, 500.0), "horizon": 1.0}
-    makers = [lambda: gym.make(ID, **options)] * 2
-    parallel, ours = AsyncVectorEnv(makers), gym.make_vec(ID, num_envs=2, **options)
+    # a process that is spawned knows the id by the module in it
+    makers = [lambda: gym.make(f"drm_env:{ID}", **options)] * 2
+    parallel = AsyncVectorEnv(makers, context=context)
+    ours = gym.make_vec(ID, num_envs=2, **options)
     try:
         np.testing.assert_array_equal(parallel.reset(seed=4)[0], ours.reset(seed=4)[0])
         for _ in range(25):
@@ -185,7 +194,8 @@ def test_the_zoo_trains_and_shows(tmp_path: Path) -> None:
     place = train.index("--conf-file") + 1
     train[place] = str(ROOT / train[place])
     said = ""
-    for words in ([*train, "-n", "4096", "--eval-freq", "-1", "--seed", "1"], enjoy):
+    # 32 environments, episodes of 200 decisions: each ends once
+    for words in ([*train, "-n", "8192", "--eval-freq", "-1", "--seed", "1"], enjoy):
         words = [word.replace("2000", "200") for word in words[1:]]
         done = subprocess.run(
             [sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False

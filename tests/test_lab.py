@@ -133,7 +133,7 @@ def test_every_policy_flies_on_both_plants(browser: Any, lab: Path, plant: str) 
     visitor = Visitor(browser, lab, address)
     scenario = visitor.page.evaluate("drmLab.scenario")
     assert scenario["plant" if plant == "consistent" else "mass_error"] in (plant, -0.2)
-    for first, second in (("none", "lyapunov"), ("lqr", "ppo")):
+    for first, second in (("none", "lyapunov"), ("servo", "dagger"), ("lqr", "ppo")):
         visitor.page.select_option("#pilot-a", first)
         visitor.page.select_option("#pilot-b", second)
         visitor.wait()

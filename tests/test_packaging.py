@@ -6,6 +6,7 @@ That wheels and source distributions install and fly in empty environments, `mak
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
@@ -47,6 +48,27 @@ def test_without_rust_the_end_is_one_plain_message(
     monkeypatch.setattr(shutil, "which", lambda *_, **__: "/bin/cargo")
     with pytest.raises(OSError, match="no route"):
         module.prepare_metadata_for_build_wheel("somewhere")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a PATH without cargo is made of links here")
+def test_a_build_without_rust_says_so_in_two_lines(tmp_path: Path) -> None:
+    """As a frontend calls the hook, in a process of its own; the place of Rust's files is dead."""
+    pytest.importorskip("maturin")
+    (tmp_path / "cc").symlink_to(shutil.which("cc") or "/usr/bin/cc")
+    code = "import build_backend; build_backend.prepare_metadata_for_build_wheel('.')"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={
+            "PATH": str(tmp_path), "HOME": str(tmp_path), "PYTHONPATH": str(ROOT / "tools"),
+            "RUSTUP_UPDATE_ROOT": "http://127.0.0.1:9", "RUSTUP_DIST_SERVER": "http://127.0.0.1:9",
+        },
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    first, second = done.stderr.strip().splitlines()[-2:]
+    assert "needs Rust" in first and "no cargo" in first
+    assert "Install Rust" in second
 
 
 def test_the_message_names_the_rust_that_is_needed() -> None:

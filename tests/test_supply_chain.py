@@ -14,6 +14,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from drm_baselines.support.extras import EXTRAS
+
 ROOT = Path(__file__).parents[1]
 FREE = {
     "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0", "HPND", "ISC",
@@ -160,24 +162,51 @@ def test_crates_are_locked_with_checksums_and_none_is_there_in_two_major_version
     assert {name for name, found in majors.items() if name in runtime and len(found) > 1} == set()
 
 
+def pinned_in(path: str) -> list[str]:
+    """The requirements of a file, each with its hashes."""
+    return re.split(r"\n(?=[a-z])", (ROOT / path).read_text().strip())
+
+
+def wanted_by(path: str) -> set[str]:
+    lines = (ROOT / path).read_text().splitlines()
+    return {
+        canonicalize_name(Requirement(line).name)
+        for line in lines if line and not line.startswith("#")
+    }  # fmt: skip
+
+
+def release_of(entry: str) -> tuple[str, set[str]]:
+    """Name with version, and hashes."""
+    return entry.split()[0], set(re.findall(r"sha256:[0-9a-f]{64}", entry))
+
+
+def test_the_demo_installs_a_small_part_of_the_same_packages() -> None:
+    """So that `make demo` and the other targets work in one environment, in any order."""
+    every = dict(release_of(entry) for entry in pinned_in("requirements-dev.txt"))
+    few = [release_of(entry) for entry in pinned_in("requirements-demo.txt")]
+    for release, hashes in few:
+        assert hashes and hashes <= every[release], release
+    names = {canonicalize_name(release.partition("==")[0]) for release, _ in few}
+    assert wanted_by("requirements-demo.in") <= names
+    # what `drm demo` asks for, by the table of the extras, and the distributions' own
+    extra = {name.replace("_", "-") for name in EXTRAS["evaluate"]}
+    assert extra | {"gymnasium", "numpy", "safetensors"} <= names
+    assert not names & {"torch", "stable-baselines3", "pandas", "pyarrow", "ray"}
+
+
 def test_requirements_are_exact_with_hashes_and_name_no_index() -> None:
-    text = (ROOT / "requirements-dev.txt").read_text()
-    entries = re.split(r"\n(?=[a-z])", text.strip())
+    entries = pinned_in("requirements-dev.txt")
     assert len(entries) > 50
-    for entry in entries:
+    for entry in (*entries, *pinned_in("requirements-demo.txt")):
         if entry.startswith("#"):
             continue
         assert re.match(r"[a-z0-9._-]+(\[[a-z0-9,_-]+\])?==[^\s]+", entry), entry[:80]
         assert "--hash=sha256:" in entry, entry[:80]
-    for path in ("requirements-dev.txt", "requirements-dev.in", "pyproject.toml",
-                 "baselines/pyproject.toml", "Makefile"):  # fmt: skip
+    for path in ("requirements-dev.txt", "requirements-dev.in", "requirements-demo.txt",
+                 "requirements-demo.in", "pyproject.toml", "baselines/pyproject.toml",
+                 "Makefile"):  # fmt: skip
         content = (ROOT / path).read_text()
         assert not re.search(r"index-url|extra-index|find-links\s+http", content.replace(
             "--no-emit-index-url", "").replace("--no-emit-find-links", "")), path  # fmt: skip
-    wanted = {
-        canonicalize_name(Requirement(line).name)
-        for line in (ROOT / "requirements-dev.in").read_text().splitlines()
-        if line and not line.startswith("#")
-    }
     pinned = {canonicalize_name(entry.partition("==")[0].partition("[")[0]) for entry in entries}
-    assert wanted <= pinned
+    assert wanted_by("requirements-dev.in") <= pinned

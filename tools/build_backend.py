@@ -14,11 +14,8 @@ from typing import Any
 import maturin
 
 MESSAGE = """
-drm-env is compiled from its sources here, and for that it needs Rust 1.89 or newer and a C linker.
-There is no cargo on the PATH, and fetching Rust for this build did not work: {reason}
-
-Install Rust (rustup, or your system's package if it is new enough) and try again, or install a
-wheel, which needs no Rust.
+drm-env needs Rust 1.89 or newer to be compiled; no cargo here, and none fetched ({reason}).
+Install Rust (https://rustup.rs) and a C linker and try again, or a wheel, which needs neither.
 """
 
 get_requires_for_build_sdist = maturin.get_requires_for_build_sdist

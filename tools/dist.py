@@ -6,7 +6,8 @@
 
 The wheel is built for an old C library (manylinux_2_28: RHEL 8 and everything younger) by the
 linker of the package ziglang, where that is installed; else for this machine alone, with a word.
-Wheels are tried without Rust on the PATH, source distributions with it.
+Wheels are tried without Rust on the PATH, source distributions with it; what was linked for an old
+C library and what is compiled here must fly the same bits.
 """
 
 from __future__ import annotations
@@ -117,7 +118,10 @@ def main() -> None:
         f"{found['import_gymnasium_ms']:.0f} ms ({found['import_ratio']:.2f} times)"
     )
     if not given.no_sources:
-        attempt(sources, path, "source distributions, with Rust")
+        compiled = attempt(sources, path, "source distributions, with Rust")
+        if compiled["bits"] != found["bits"]:
+            raise SystemExit(f"bits of the wheel {found['bits']}, compiled here {compiled['bits']}")
+        print(f"both fly the same bits: {found['bits'][:16]}")
 
 
 if __name__ == "__main__":

@@ -38,6 +38,7 @@ SHORT = {
     "none": "Open loop",
     "linear": "Linear law",
     "lyapunov": "Lyapunov law",
+    "servo": "Servo",
     "lqr": "LQR",
     "dagger": "Imitation",
     "ppo": "PPO",

@@ -1,7 +1,7 @@
 """Tries an installed drm-env, from anywhere but the source tree: it flies and says what it is.
 
     python smoke.py          # the environments, a batch, a law, the engine's picture
-    python smoke.py --json   # and sizes and import times as JSON, on the last line
+    python smoke.py --json   # and sizes, import times, bits of flights as JSON, on the last line
 
 Needs drm-env alone; of drm-baselines what is installed is tried too.
 """
@@ -9,6 +9,7 @@ Needs drm-env alone; of drm-baselines what is installed is tried too.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.metadata
 import importlib.util
 import json
@@ -28,6 +29,30 @@ def import_seconds(module: str) -> float:
         for _ in range(RUNS)
     ]
     return statistics.median(seen)
+
+
+def fingerprint() -> str:
+    """SHA-256 of flights: the same wherever the engine is the same, whoever compiled it."""
+    import gymnasium as gym
+    import numpy as np
+
+    import drm_env
+
+    bits = hashlib.sha256()
+    for plant in ("thesis", "consistent"):
+        scenarios = drm_env.sample_scenarios(
+            "slew", seed=3, n=24, plant=plant, payload_mass=(50.0, 500.0), mass_error=(-0.15, 0.15)
+        )
+        for law in ("none", "linear", "lyapunov", "servo"):
+            for values in drm_env.rollout(scenarios, law=law).values():
+                bits.update(np.ascontiguousarray(values).tobytes())
+    envs = gym.make_vec("drm_env/SlewFlexible-v0", num_envs=9)
+    envs.action_space.seed(0)
+    bits.update(envs.reset(seed=0)[0].tobytes())
+    for _ in range(50):
+        for values in envs.step(envs.action_space.sample())[:4]:
+            bits.update(np.ascontiguousarray(values).tobytes())
+    return bits.hexdigest()
 
 
 def main() -> None:
@@ -81,6 +106,7 @@ def main() -> None:
             "import_drm_env_ms": 1e3 * own,
             "import_gymnasium_ms": 1e3 * theirs,
             "import_ratio": own / theirs,
+            "bits": fingerprint(),
         }
         print(json.dumps(found))
 

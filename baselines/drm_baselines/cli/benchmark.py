@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, guarded, json_target
+from drm_baselines.cli.common import JSON_HELP, complete_policy, guarded, json_target
 from drm_baselines.cli.sharing import RayOption, place_of
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.policies.names import listed
@@ -42,6 +42,7 @@ def benchmark(
             "--policy",
             help=f"Only these policies ({listed()}); may be repeated.",
             show_default=False,
+            autocompletion=complete_policy,
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,

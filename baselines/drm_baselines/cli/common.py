@@ -13,7 +13,7 @@ import typer
 
 from drm_baselines.cli.terminal import complain, complaints, note, output
 from drm_baselines.errors import BaselineError
-from drm_baselines.policies.names import listed
+from drm_baselines.policies.names import ALIASES, listed, names_of
 from drm_baselines.support.extras import needing
 from drm_baselines.support.interruption import Stopped, handled_by, interrupt
 from drm_baselines.support.reading import parse_json, shown
@@ -41,6 +41,22 @@ SET_HELP = (
 )
 POLICY_HELP = f"{listed()}; of a learning method the first policy that comes with the package flies"
 JSON_HELP = "Print the result as JSON, SI units and radians, and nothing else."
+
+
+def complete_policy(incomplete: str) -> list[str]:
+    """Return the names of policies that a shell may complete to; none of them: it takes files."""
+    return [name for name in (*names_of(), *ALIASES) if name.startswith(incomplete)]
+
+
+def complete_env(incomplete: str) -> list[str]:
+    """Return the ids of environments that a shell may complete to."""
+    import gymnasium as gym
+
+    import drm_env  # noqa: F401  # registers the ids
+
+    ids = [name for name, spec in gym.registry.items() if spec.namespace == "drm_env"]
+    return [name for name in ids if name.startswith(incomplete)]
+
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})")

@@ -8,7 +8,15 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import (
+    JSON_HELP,
+    POLICY_HELP,
+    SET_HELP,
+    complete_env,
+    complete_policy,
+    guarded,
+    parse_options,
+)
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import leaving_at_once
@@ -22,10 +30,14 @@ def compare(
             help=f"Policies by name ({POLICY_HELP}) or directories of training runs; none, linear "
             "and lyapunov by default. The first is the reference of the paired comparison.",
             show_default=False,
+            autocompletion=complete_policy,
         ),
     ] = None,
     env_id: Annotated[
-        str, typer.Option("--env", help="Environment whose episodes are flown.")
+        str,
+        typer.Option(
+            "--env", help="Environment whose episodes are flown.", autocompletion=complete_env
+        ),
     ] = "drm_env/Slew-v0",
     episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode.")] = 0,

@@ -1,12 +1,14 @@
-"""``drm demo``: what the project does, in about four minutes.
+"""``drm demo``: what the project does, in half a minute, or in three with a training.
 
-First the thesis' manoeuvre under every law, with the payload known and misreported; then a policy
-trained on top of the linear law for about two minutes; then all of them over the same hundred
-episodes with unknown payloads, and a verdict that the records bear out.
+First the thesis' manoeuvre under every law, with the payload known and misreported; with
+``--train`` a policy trained on top of the linear law for about two minutes, which alone needs
+PyTorch; then the laws and policies that learned over the same hundred episodes with unknown
+payloads, and a verdict that the records bear out.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import shlex
 import time
@@ -19,6 +21,7 @@ import typer
 from drm_baselines.cli.common import MOST_STEPS, guarded
 from drm_baselines.cli.terminal import console, counting, progress_bar, say, say_files, show
 from drm_baselines.cli.train import ConsoleWatcher, training_module
+from drm_baselines.errors import BaselineError
 from drm_baselines.rl.hyperparameters import MOST_ENVS, load_hyperparameters
 from drm_baselines.support.extras import require
 from drm_baselines.support.interruption import exit_code, leaving_at_once
@@ -33,6 +36,9 @@ STEPS = 2_560_000
 
 CURVE_EPISODES = 100
 """Episodes behind each point of the learning curve."""
+
+SHIPPED = ("ppo", "learned")
+"""Policies of the package that fly where none is trained; the verdict is on the last."""
 
 _AGENT = "inner law + PPO"
 _MASS_ERRORS = (0.0, 0.15, -0.15)
@@ -81,8 +87,19 @@ def fly_thesis_manoeuvre(out: Path, *, overwrite: bool) -> list[Path]:
     return files
 
 
-def verdict(comparison: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return what the paired comparison with the inner law allows to say, in sentences."""
+def verdict(
+    comparison: Mapping[str, Mapping[str, Any]],
+    *,
+    agent: str = "the trained agent",
+    reference: str = "the inner law it corrects",
+) -> list[str]:
+    """Return what the paired comparison of ``agent`` with ``reference`` allows to say.
+
+    Returns
+    -------
+    list of str
+        Sentences; the first is about the tip error.
+    """
     from drm_baselines.evaluation.metrics import describe
     from drm_baselines.evaluation.statistics import Estimate
 
@@ -90,12 +107,12 @@ def verdict(comparison: Mapping[str, Mapping[str, Any]]) -> list[str]:
     difference = Estimate(**tip["difference"]).scaled(1e3)
     chance = Estimate(**tip["probability_of_improvement"])
     judged = {
-        "better": "The trained agent beats the inner law it corrects",
-        "worse": "The trained agent is worse than the inner law it corrects",
-        "undecided": "No difference between the trained agent and the inner law can be shown",
+        "better": f"{agent} beats {reference}",
+        "worse": f"{agent} is worse than {reference}",
+        "undecided": f"no difference between {agent} and {reference} can be shown",
     }[str(tip["verdict"])]
     lines = [
-        f"{judged}: tip error RMS {difference.value:+.2f} mm "
+        f"{judged[0].upper()}{judged[1:]}: tip error RMS {difference.value:+.2f} mm "
         f"[{difference.low:+.2f}, {difference.high:+.2f}] on the same episodes, better in "
         f"{chance.value:.0%} of them [{chance.low:.0%}, {chance.high:.0%}]."
     ]
@@ -156,6 +173,11 @@ def _train(run: Path, steps: int, seed: int, n_envs: int | None, *, force: bool)
         raise typer.Exit(exit_code())
 
 
+def _minutes(steps: int) -> int:
+    """About how long the training takes on two cores, in min."""
+    return max(1, round(steps / STEPS * 2))
+
+
 @guarded
 def demo(
     out: Annotated[
@@ -166,30 +188,61 @@ def demo(
             show_default=False,
         ),
     ] = None,
-    steps: Annotated[
-        int, typer.Option(min=1, max=MOST_STEPS, help="Environment steps of the training.")
-    ] = STEPS,
+    train: Annotated[
+        bool,
+        typer.Option(
+            "--train",
+            help=f"Train an agent on top of the linear law, about {_minutes(STEPS)} min on two "
+            "cores, and compare it in the place of the package's. Needs PyTorch.",
+        ),
+    ] = False,
     episodes: Annotated[int, typer.Option(min=4, help="Episodes of the comparison.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, max=999, help="Seed of the training.")] = 0,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_STEPS,
+            help=f"Environment steps of the training; {STEPS} by default.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=999, help="Seed of the training; 0 by default.", show_default=False
+        ),
+    ] = None,
     n_envs: Annotated[
         int | None,
-        typer.Option("--n-envs", min=1, max=MOST_ENVS, help="Environments stepped as one batch."),
+        typer.Option(
+            "--n-envs", min=1, max=MOST_ENVS, help="Environments that the training steps at once."
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace results in --out.")] = False,
 ) -> None:
-    """Fly the thesis' manoeuvre, train an agent on top of the linear law, compare them all."""
-    require("drm demo", "learn", "matplotlib", "scipy", "stable_baselines3", "torch")
-    training_module()
+    """Fly the thesis' manoeuvre, then laws and policies that learned over the same episodes."""
+    if train:
+        require("drm demo --train", "learn", "matplotlib", "scipy", "stable_baselines3", "torch")
+        training_module()
+    else:
+        require("drm demo", "evaluate", "jinja2", "matplotlib", "scipy")
+        for option, value in (("--steps", steps), ("--seed", seed), ("--n-envs", n_envs)):
+            if value is not None:
+                raise BaselineError(f"{option} {value} is for the training: add --train")
     with leaving_at_once():
         from drm_baselines.evaluation.comparison import report_of, write_comparison
         from drm_baselines.evaluation.contestants import (
             Arena,
+            contestant_named,
             contestant_of_inner_law,
             contestant_of_law,
             contestant_of_run,
             fly_all,
         )
+        from drm_baselines.evaluation.reports import comparison_page
         from drm_baselines.evaluation.tables import comparison_tables, paired_table
+        from drm_baselines.pages.writer import write_page
+        from drm_baselines.policies.names import title_of
         from drm_baselines.policies.registry import LAWS
         from drm_baselines.support import storage
         from drm_baselines.support.seeds import episode_seeds
@@ -198,31 +251,47 @@ def demo(
     directory = out if out is not None else fresh_directory(Path("results"))
     storage.claim_directory(directory, force=force)
     begun = time.monotonic()
-    say(f"results go to {directory}; three parts, about {_minutes(steps) + 1} min on two cores")
+    steps = STEPS if steps is None else steps
+    parts = 3 if train else 2
+    lasting = f"{_minutes(steps) + 1} min" if train else "half a minute"
+    say(f"results go to {directory}; {parts} parts, about {lasting} on two cores")
 
-    say("\n1 of 3: the thesis' manoeuvre under every law, payload known and misreported (seconds)")
+    say(
+        f"\n1 of {parts}: the thesis' manoeuvre under every law, payload known and misreported "
+        "(seconds)"
+    )
     files = fly_thesis_manoeuvre(directory, overwrite=force)
 
     run = directory / "ppo"
-    say(
-        f"\n2 of 3: training PPO on {ENV_ID}: {steps:,} steps, seed {seed} (about "
-        f"{_minutes(steps)} min on two cores; Ctrl-C saves it and ends the demo). Every line below "
-        f"is a point of the learning curve, over {CURVE_EPISODES} episodes of its own, which are "
-        "not those of the table at the end."
-    )
-    _train(run, steps, seed, n_envs, force=force)
+    if train:
+        say(
+            f"\n2 of 3: training PPO on {ENV_ID}: {steps:,} steps, seed {seed or 0} (about "
+            f"{_minutes(steps)} min on two cores; Ctrl-C saves it and ends the demo). Every line "
+            f"below is a point of the learning curve, over {CURVE_EPISODES} episodes of its own, "
+            "which are not those of the table at the end."
+        )
+        _train(run, steps, seed or 0, n_envs, force=force)
 
+    who = "the trained agent" if train else "policies that learned"
     say(
-        f"\n3 of 3: the laws and the trained agent over the same {episodes} episodes, which no "
+        f"\n{parts} of {parts}: the laws and {who} over the same {episodes} episodes, which no "
         "training has seen (about 20 s with the pictures)"
     )
     arena = Arena(env_id=ENV_ID, seed=0, episodes=episodes)
-    inner = contestant_of_inner_law(arena, arena.config, ENV_ID)
-    agent = contestant_of_run(arena, run, label=_AGENT)
-    contestants = [*(contestant_of_law(name) for name in LAWS), inner, agent]
+    laws = [contestant_of_law(name) for name in LAWS]
+    if train:
+        reference = contestant_of_inner_law(arena, arena.config, ENV_ID)
+        agent = contestant_of_run(arena, run, label=_AGENT)
+        contestants = [*laws, reference, agent]
+        # The inner law alone is the linear law: one line over another.
+        drawn = [*laws, agent]
+    else:
+        reference = next(law for law in laws if law.label == title_of("linear"))
+        drawn = contestants = [*laws, *(contestant_named(arena, name) for name in SHIPPED)]
+        agent = contestants[-1]
     with counting("episodes") as progress:
         flights = fly_all(contestants, arena, progress)
-    report = report_of(flights, arena, reference=inner.label)
+    report = report_of(flights, arena, reference=reference.label)
     say("")
     show(
         *comparison_tables(
@@ -233,28 +302,39 @@ def demo(
         )
     )
     paired = report["paired"]["candidates"][agent.label]
-    show(paired_table(paired, title=f"{agent.label} minus {inner.label}"))
-    sentences = verdict(paired)
+    show(paired_table(paired, title=f"{agent.label} minus {reference.label}"))
+    sentences = (
+        verdict(paired)
+        if train
+        else verdict(paired, agent=agent.label, reference=f"the {reference.label}")
+    )
     report["verdict"] = sentences
     for line in sentences:
         say(line)
     files += write_comparison(directory, flights, report, title="SlewResidual-v0", overwrite=force)
-    # The inner law alone is the linear law: one line over another.
-    drawn = [contestant for contestant in contestants if contestant is not inner]
     files.append(_episode_figure(directory, drawn, arena, overwrite=force))
-    files.append(_learning_curve(run, _bands(), directory / "learning_curve.png", overwrite=force))
+    with counting("flights") as progress:
+        told = functools.partial(progress, "report")
+        page = comparison_page(contestants, flights, report, arena, told=told)
+    html = write_page(page, directory / "comparison.html", overwrite=force)
+    files.append(html)
+    if train:
+        curve = directory / "learning_curve.png"
+        files.append(_learning_curve(run, _bands(), curve, overwrite=force))
     say(f"\ndone in {time.monotonic() - begun:.0f} s")
     say_files(files)
-    say(
-        f"next: look at {directory / 'comparison.png'}; go on with the training: drm train "
-        f"--resume --steps {2 * steps} --out {shlex.quote(str(run))}; fly it anywhere: drm compare "
-        f"none linear {shlex.quote(str(run))}"
-    )
-
-
-def _minutes(steps: int) -> int:
-    """About how long the training takes on two cores, in min."""
-    return max(1, round(steps / STEPS * 2))
+    say(f"next: open {html} in a browser: tables, charts and the arm in motion, without network")
+    if train:
+        say(
+            f"go on with the training: drm train --resume --steps {2 * steps} --out "
+            f"{shlex.quote(str(run))}; fly it anywhere: drm compare none linear "
+            f"{shlex.quote(str(run))}"
+        )
+    else:
+        say(
+            "train one of your own beside the laws (two minutes, with PyTorch): make build, then "
+            "drm demo --train"
+        )
 
 
 def _bands() -> dict[str, Estimate]:

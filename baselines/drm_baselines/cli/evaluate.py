@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import (
+    JSON_HELP,
+    POLICY_HELP,
+    SET_HELP,
+    complete_env,
+    complete_policy,
+    guarded,
+    parse_options,
+)
 from drm_baselines.cli.terminal import console, counting, say_files, say_json, show
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.extras import require
@@ -20,7 +28,8 @@ def evaluate(
         str,
         typer.Option(
             help=f"A policy by name ({POLICY_HELP}) or the directory of a training run. "
-            "A run is read from policy.safetensors and policy.json alone."
+            "A run is read from policy.safetensors and policy.json alone.",
+            autocompletion=complete_policy,
         ),
     ],
     env_id: Annotated[
@@ -29,6 +38,7 @@ def evaluate(
             "--env",
             help="Environment whose episodes are flown; for a run, by default "
             "the one it was trained in, otherwise drm_env/Slew-v0.",
+            autocompletion=complete_env,
         ),
     ] = None,
     episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 100,

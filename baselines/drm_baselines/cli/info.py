@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import JSON_HELP, SET_HELP, complete_env, guarded, parse_options
 from drm_baselines.cli.terminal import say, say_json, show
 from drm_baselines.support.interruption import leaving_at_once
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 @guarded
 def info(
-    env_id: Annotated[str, typer.Option("--env", help="Environment to describe.")] = (
-        "drm_env/Slew-v0"
-    ),
+    env_id: Annotated[
+        str,
+        typer.Option("--env", help="Environment to describe.", autocompletion=complete_env),
+    ] = "drm_env/Slew-v0",
     options: Annotated[
         bool,
         typer.Option(

@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from drm_baselines.cli.common import POLICY_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import (
+    POLICY_HELP,
+    SET_HELP,
+    complete_env,
+    complete_policy,
+    guarded,
+    parse_options,
+)
 from drm_baselines.cli.terminal import complain, counting, say_files
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.extras import require
@@ -32,11 +39,16 @@ def render(
             help=f"Who flies, by name ({POLICY_HELP}) or directory of a training run. Repeat it "
             "for more beside each other; none and lyapunov by default.",
             show_default=False,
+            autocompletion=complete_policy,
         ),
     ] = None,
     env_id: Annotated[
         str,
-        typer.Option("--env", help="Environment, or the name of its task, whose episode is flown."),
+        typer.Option(
+            "--env",
+            help="Environment, or the name of its task, whose episode is flown.",
+            autocompletion=complete_env,
+        ),
     ] = "drm_env/Slew-v0",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the episode.")] = 0,
     fps: Annotated[

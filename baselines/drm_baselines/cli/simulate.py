@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drm_baselines.cli.common import POLICY_HELP, guarded
+from drm_baselines.cli.common import POLICY_HELP, complete_policy, guarded
 from drm_baselines.cli.terminal import complain, say_files, say_json, show
 from drm_baselines.errors import BaselineError
 from drm_baselines.support.extras import require
@@ -110,6 +110,7 @@ def simulate(
             help=f"Who flies, by name ({POLICY_HELP}). May be repeated; none, linear and lyapunov "
             "by default.",
             show_default=False,
+            autocompletion=complete_policy,
         ),
     ] = None,
     payload_mass: Annotated[float | None, typer.Option(help="True payload mass, kg.")] = None,

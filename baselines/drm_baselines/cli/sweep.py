@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drm_baselines.cli.common import JSON_HELP, POLICY_HELP, SET_HELP, guarded, parse_options
+from drm_baselines.cli.common import (
+    JSON_HELP,
+    POLICY_HELP,
+    SET_HELP,
+    complete_env,
+    complete_policy,
+    guarded,
+    parse_options,
+)
 from drm_baselines.cli.sharing import ProcessesOption, RayOption, place_of
 from drm_baselines.cli.terminal import counting, note, say, say_files, say_json, show
 from drm_baselines.support.extras import require
@@ -34,6 +42,7 @@ def sweep(
             help=f"Who flies: a policy by name ({POLICY_HELP}) or the directory of a training run. "
             "May be repeated; linear, lyapunov and lqr by default.",
             show_default=False,
+            autocompletion=complete_policy,
         ),
     ] = None,
     episodes: Annotated[
@@ -52,7 +61,10 @@ def sweep(
         ),
     ] = 0.15,
     env_id: Annotated[
-        str, typer.Option("--env", help="Environment whose episodes are flown.")
+        str,
+        typer.Option(
+            "--env", help="Environment whose episodes are flown.", autocompletion=complete_env
+        ),
     ] = "drm_env/Slew-v0",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode.")] = 0,
     out: Annotated[Path, typer.Option(help="Directory of the sweep.")] = Path("results/sweep"),

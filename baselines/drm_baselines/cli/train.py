@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drm_baselines.cli.common import (
-    MOST_STEPS,
-    SET_HELP,
-    guarded,
-    parse_options,
-)
+from drm_baselines.cli.common import MOST_STEPS, SET_HELP, complete_env, guarded, parse_options
 from drm_baselines.cli.sharing import ProcessesOption, RayOption, place_of
 from drm_baselines.cli.terminal import counting, progress_bar, say
 from drm_baselines.errors import BaselineError
@@ -112,7 +107,10 @@ def train(
     env_id: Annotated[
         str | None,
         typer.Option(
-            "--env", help="Environment; drm_env/SlewResidual-v0 by default.", show_default=False
+            "--env",
+            help="Environment; drm_env/SlewResidual-v0 by default.",
+            show_default=False,
+            autocompletion=complete_env,
         ),
     ] = None,
     steps: Annotated[

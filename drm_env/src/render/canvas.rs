@@ -54,11 +54,14 @@ impl Canvas {
     pub(super) fn to_rgb(&self) -> Vec<u8> {
         let data = self.pixmap.data();
         let mut bytes = vec![0; data.len() / 4 * 3];
-        // four pixels at a time go in registers
+        // Four pixels at a time go in registers. `from_fn` stayed a call here, one for each byte, and
+        // took a third of a picture's time.
         let (fours, rest) = data.as_chunks::<16>();
         let (places, end) = bytes.as_chunks_mut::<12>();
-        for (to, from) in places.iter_mut().zip(fours) {
-            *to = std::array::from_fn(|i| from[i / 3 * 4 + i % 3]);
+        for (to, &[r0, g0, b0, _, r1, g1, b1, _, r2, g2, b2, _, r3, g3, b3, _]) in
+            places.iter_mut().zip(fours)
+        {
+            *to = [r0, g0, b0, r1, g1, b1, r2, g2, b2, r3, g3, b3];
         }
         for (to, from) in end.chunks_exact_mut(3).zip(rest.chunks_exact(4)) {
             to.copy_from_slice(&from[..3]);

@@ -202,7 +202,10 @@ export class Stage {
     }
     c.fillStyle = ink.soft;
     c.font = "11px system-ui, sans-serif";
-    c.fillText("tip seen close; rings in mm", x, y + radius + 19);
+    // centred, but whole on a narrow screen
+    const label = "tip seen close; rings in mm";
+    const from = c.measureText(label).width / 2 + 6;
+    c.fillText(label, Math.max(x, from), y + radius + 19);
   }
 
   #backdrop({ scenario }, ink) {

@@ -349,10 +349,48 @@ def test_verdict_admits_a_loss() -> None:
     assert lines[1:] == ["Also better in residual vibration RMS.", "Worse in wheel effort."]
 
 
+def test_verdict_names_who_was_compared() -> None:
+    entry = {"tip_error_rms": _entry(-0.004, -0.006, -0.001, "better")}
+    (line,) = verdict(entry, agent="imitation", reference="the linear law")
+    assert line.startswith("Imitation beats the linear law: tip error RMS -4.00 mm")
+
+
+PICTURES = ("comparison.png", "episode.png", "tip_error.png", "manoeuvre_mass_+15_percent.png")
+
+
+def test_settings_of_a_training_that_the_demo_does_not_do_are_refused(tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    for option in ("--steps", "--seed", "--n-envs"):
+        result = drm("demo", "--out", out, option, 7)
+        assert result.exit_code == 2
+        assert f"{option} 7 is for the training: add --train" in result.stderr
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_demo_without_a_training(tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    text = succeed("demo", "--out", out, "--episodes", 8)
+    assert "beats the linear law" in text
+    assert str(out / "comparison.html") in text
+    report = json.loads((out / "comparison.json").read_text())
+    assert [policy["label"] for policy in report["policies"]] == [
+        "open loop", "linear law", "Lyapunov law", "servo with modal damping",
+        "PPO, residual on the linear law, seed 0", "imitation and gradient, residual, seed 0",
+    ]  # fmt: skip
+    assert report["paired"]["reference"] == "linear law"
+    for name in PICTURES:
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    page = (out / "comparison.html").read_text(encoding="utf-8")
+    assert all(policy["label"] in page for policy in report["policies"])
+    assert not list(out.glob("ppo*"))
+
+
 @pytest.mark.slow
 def test_demo_from_end_to_end(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
     out = tmp_path / "demo"
-    text = succeed("demo", "--out", out, "--steps", 40_960, "--episodes", 8)
+    text = succeed("demo", "--train", "--out", out, "--steps", 40_960, "--episodes", 8)
     assert "inner law + PPO" in text
     assert "agent" in text
     report = json.loads((out / "comparison.json").read_text())
@@ -367,5 +405,6 @@ def test_demo_from_end_to_end(tmp_path: Path) -> None:
     assert linear["tip_error_rms"]["value"] == pytest.approx(
         inner["tip_error_rms"]["value"], rel=1e-9
     )
-    for name in ("learning_curve.png", "episode.png", "manoeuvre_mass_+15_percent.png"):
+    for name in ("learning_curve.png", *PICTURES):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
+    assert "inner law + PPO" in (out / "comparison.html").read_text(encoding="utf-8")

@@ -476,7 +476,7 @@ def test_set_refuses_numbers_and_nesting_that_no_option_has(text: str) -> None:
 def test_more_episodes_than_fit_are_refused_before_anything_happens(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    if arguments[0] in ("train", "demo"):
+    if arguments[0] == "train":
         pytest.importorskip("stable_baselines3")
     monkeypatch.setattr(memory, "available", lambda: 1 << 30)
     out = tmp_path / "out"
@@ -583,3 +583,42 @@ def test_a_place_that_cannot_be_written_is_refused_before_flying(
     message = refuse("evaluate", "--policy", "none", option, place)
     assert "cannot be written" in message
     assert "x.csv" in message
+
+
+# --- the shell
+
+
+def completions(line: str) -> set[str]:
+    """What bash offers at the end of a line, by the script of `drm --install-completion`."""
+    program = "import sys; sys.argv[0] = 'drm'; from drm_baselines.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={
+            **os.environ,
+            "_DRM_COMPLETE": "complete_bash",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(line.split(" ")) - 1),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not done.stderr
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("drm comp", {"compare"}),
+        ("drm compare ly", {"lyapunov", "lyapunov_tuned"}),
+        ("drm simulate --law se", {"servo"}),
+        ("drm info --env drm_env/SlewR", {"drm_env/SlewResidual-v0", "drm_env/SlewResidual-v1"}),
+        # the directory of a run: the shell's own files
+        ("drm compare ./runs", set()),
+    ],
+)
+def test_a_shell_completes_commands_options_policies_and_environments(
+    line: str, offered: set[str]
+) -> None:
+    assert completions(line) == offered
