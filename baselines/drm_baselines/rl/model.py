@@ -11,9 +11,8 @@ import numpy as np
 
 import drm_env
 from drm_baselines.errors import RunError
-from drm_baselines.policies.policy_file import (
-    load_policy,
-)
+from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.policies.policy_file import load_policy
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.rl.asymmetric import AsymmetricPolicy, PrivilegedObservations
@@ -54,6 +53,10 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
     }
     if algorithm.draws:
         network["log_std_init"] = settings.network.log_std_init
+    if algorithm.remembers:
+        network["lstm_hidden_size"] = settings.network.lstm_units
+        network["n_lstm_layers"] = settings.network.lstm_layers
+        network["enable_critic_lstm"] = settings.network.lstm_critic
     if algorithm.replays:
         arguments["action_noise"] = _noise(arguments.get("action_noise"), env)
     if algorithm.draws and algorithm.replays and arguments.get("use_sde"):
@@ -61,7 +64,7 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         network["clip_mean"] = 0.0
     try:
         return algorithm.load_type()(
-            AsymmetricPolicy if settings.network.critic_sees_payload else "MlpPolicy",
+            _policy_of(request),
             env,
             learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate_end, 1.0),
             policy_kwargs=network,
@@ -74,6 +77,13 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         raise RunError(f"Stable-Baselines3 refuses the hyperparameters in [model]: {error}") from (
             error
         )
+
+
+def _policy_of(request: TrainingRequest) -> Any:
+    """The class of the policy, or its name."""
+    if request.settings.network.critic_sees_payload:
+        return AsymmetricPolicy
+    return "MlpLstmPolicy" if ALGORITHMS[request.algorithm].remembers else "MlpPolicy"
 
 
 def _noise(deviation: Any, env: VecEnv) -> NormalActionNoise | None:
@@ -109,6 +119,9 @@ def _check_memory(request: TrainingRequest, env: VecEnv) -> None:
         return
     # of float32: an observation (in a buffer also the next one), an action and some single numbers
     values = (2 if name == "buffer_size" else 1) * shape[0] + 12
+    if ALGORITHMS[request.algorithm].remembers:
+        # states of actor and critic, two each, beside every step
+        values += 4 * request.settings.network.lstm_layers * request.settings.network.lstm_units
     rows = size if name == "buffer_size" else size * env.num_envs
     memory.require(4 * rows * values, f"[model] {name} = {size}")
 
@@ -137,6 +150,8 @@ def begin_with(model: BaseAlgorithm, directory: Path, config: drm_env.EnvConfig)
     layout = [list(entry) for entry in drm_env.observation_layout(config=config)]
     if [list(entry) for entry in policy.description["observation_layout"]] != layout:
         raise RunError(f"{directory}: the policy sees another observation than this task's")
+    if type(policy) is not NetworkPolicy:
+        raise RunError(f"{directory}: only a policy without a memory can be begun with")
     if not isinstance(model, PPO) or policy.network.output != "clip":
         raise RunError(f"{directory}: only PPO can go on from a policy, with a clipped output")
     own = [

@@ -24,13 +24,18 @@ class Network:
     """Actor and critic: hidden layer sizes, activation, initial log of the action noise.
 
     With ``critic_sees_payload`` PPO's critic is told the true payload while it trains. TD3, whose
-    policy draws nothing, has no ``log_std_init``.
+    policy draws nothing, has no ``log_std_init``. Recurrent PPO has ``lstm_layers`` of
+    ``lstm_units`` each before the hidden layers, and with ``lstm_critic`` as many for the critic,
+    which else sees the present alone.
     """
 
     layers: tuple[int, ...] = (64, 64)
     activation: str = "tanh"
     log_std_init: float = -2.0
     critic_sees_payload: bool = False
+    lstm_units: int = 64
+    lstm_layers: int = 1
+    lstm_critic: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +78,14 @@ class Hyperparameters:
         if not self.network.critic_sees_payload:
             # what records have been like before there was a choice
             del data["network"]["critic_sees_payload"]
+        if not ALGORITHMS[self.algorithm].remembers:
+            for name in _LSTM:
+                del data["network"][name]
         return data
 
+
+_LSTM = ("lstm_units", "lstm_layers", "lstm_critic")
+"""Entries of the network that only an algorithm with a memory has."""
 
 MOST_ENVS = 10_000
 """Most environments of a batch that learns."""
@@ -82,6 +93,10 @@ MOST_LAYERS = 15
 """Most hidden layers: what can be exported."""
 MOST_UNITS = 4096
 """Most units of a hidden layer: what can be exported."""
+MOST_LSTM_UNITS = 1024
+"""Most hidden units of a layer of LSTM: what can be exported."""
+MOST_LSTM_LAYERS = 4
+"""Most layers of LSTM: what can be exported."""
 MOST_THREADS = 1024
 """Most threads for the network's arithmetic."""
 
@@ -130,7 +145,10 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         if not isinstance(data.get(name, {}), Mapping):
             raise _refuse(source, name, "a table", data[name])
     network = dict(data.get("network", {}))
-    strange = sorted(set(network) - {"layers", "activation", "log_std_init", "critic_sees_payload"})
+    names = {"layers", "activation", "log_std_init", "critic_sees_payload"}
+    if ALGORITHMS[data["algorithm"]].remembers:
+        names |= set(_LSTM)
+    strange = sorted(set(network) - names)
     if strange:
         raise BaselineError(f"{source}: unknown entry 'network.{strange[0]}'")
     layers = network.get("layers", [64, 64])
@@ -147,6 +165,9 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         raise _refuse(
             source, "network.critic_sees_payload", f"false for {data['algorithm']}", privileged
         )
+    own_critic = network.get("lstm_critic", True)
+    if not isinstance(own_critic, bool):
+        raise _refuse(source, "network.lstm_critic", "true or false", own_critic)
     rate = _number(source, "learning_rate", data["learning_rate"])
     end = _number(source, "learning_rate_end", data.get("learning_rate_end", rate))
     if rate <= 0.0 or end < 0.0:
@@ -168,6 +189,13 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
             activation=str(network.get("activation", "tanh")),
             log_std_init=_number(source, "network.log_std_init", network.get("log_std_init", -2.0)),
             critic_sees_payload=privileged,
+            lstm_units=_positive_int(
+                source, "network.lstm_units", network.get("lstm_units", 64), MOST_LSTM_UNITS
+            ),
+            lstm_layers=_positive_int(
+                source, "network.lstm_layers", network.get("lstm_layers", 1), MOST_LSTM_LAYERS
+            ),
+            lstm_critic=own_critic,
         ),
     )
 
