@@ -101,6 +101,23 @@ def policy_of(model: BaseAlgorithm, description: Mapping[str, Any]) -> NetworkPo
     return NetworkPolicy(network, description)
 
 
+def actor_layers(model: BaseAlgorithm) -> tuple[list[nn.Linear], str]:
+    """Return the linear layers of a model's actor in order, and what is made of the last output.
+
+    There are none where something else is between them: a memory, or batches that are normalised.
+
+    Raises
+    ------
+    PolicyError
+        An unknown algorithm.
+    """
+    layers, output = _layers(model)
+    plain = all(isinstance(layer, (nn.Linear, *_ACTIVATIONS)) for layer in layers)
+    if not plain or hasattr(model.policy, "lstm_actor"):
+        return [], output
+    return [layer for layer in layers if isinstance(layer, nn.Linear)], output
+
+
 def _layers(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
     """The actor's layers in order, and what is made of the last one's output."""
     policy: Any = model.policy

@@ -16,7 +16,7 @@ from drm_baselines.policies.policy_file import load_policy
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.rl.asymmetric import AsymmetricPolicy, PrivilegedObservations
-from drm_baselines.rl.export import perceptron_of
+from drm_baselines.rl.export import actor_layers, perceptron_of
 from drm_baselines.rl.request import TrainingRequest
 from drm_baselines.rl.staggered_resets import StaggeredStart
 from drm_baselines.support import cores, memory
@@ -25,7 +25,6 @@ from drm_baselines.support.seeds import training_seed
 
 with needing("training", "learn"):
     import torch
-    from stable_baselines3 import PPO
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
@@ -139,12 +138,17 @@ def set_threads(settings: hyperparameters.Hyperparameters) -> None:
 
 
 def begin_with(model: BaseAlgorithm, directory: Path, config: drm_env.EnvConfig) -> None:
-    """Give PPO's actor the weights of a saved policy.
+    """Give a model's actor the weights of a saved policy.
+
+    PPO's actor then acts as the policy does. Those of SAC, TQC and TD3 squash their last layer by a
+    hyperbolic tangent where a student is clipped: small actions are the same (0.2 becomes 0.197),
+    large ones smaller.
 
     Raises
     ------
     RunError
-        Not PPO, or a policy of another shape, activation or observation.
+        An algorithm that cannot go on from it, or a policy of another shape, activation or
+        observation.
     """
     policy = load_policy(directory)
     layout = [list(entry) for entry in drm_env.observation_layout(config=config)]
@@ -152,13 +156,14 @@ def begin_with(model: BaseAlgorithm, directory: Path, config: drm_env.EnvConfig)
         raise RunError(f"{directory}: the policy sees another observation than this task's")
     if type(policy) is not NetworkPolicy:
         raise RunError(f"{directory}: only a policy without a memory can be begun with")
-    if not isinstance(model, PPO) or policy.network.output != "clip":
-        raise RunError(f"{directory}: only PPO can go on from a policy, with a clipped output")
-    own = [
-        layer
-        for layer in [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-        if isinstance(layer, nn.Linear)
-    ]
+    own, output = actor_layers(model)
+    if not own:
+        raise RunError(f"{directory}: {type(model).__name__} cannot go on from a policy")
+    if output == "clip" and policy.network.output != "clip":
+        raise RunError(
+            f"{directory}: {type(model).__name__} can go on from a policy whose output is clipped, "
+            f"this one's is {policy.network.output!r}"
+        )
     shapes = [list(layer.weight.shape) for layer in own]
     given = [list(weight.shape) for weight in policy.network.weights]
     if shapes != given or perceptron_of(model).activation != policy.network.activation:
