@@ -62,7 +62,7 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         # By default the mean is clipped before it is squashed: one more kind of layer for nothing.
         network["clip_mean"] = 0.0
     try:
-        return algorithm.load_type()(
+        return type_of(settings)(
             _policy_of(request),
             env,
             learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate_end, 1.0),
@@ -76,6 +76,21 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         raise RunError(f"Stable-Baselines3 refuses the hyperparameters in [model]: {error}") from (
             error
         )
+
+
+def type_of(settings: hyperparameters.Hyperparameters) -> type[BaseAlgorithm]:
+    """Return the class of the model that settings ask for.
+
+    Raises
+    ------
+    MissingPackageError
+        Its package is not installed.
+    """
+    if settings.fast_updates:
+        from drm_baselines.rl.fast_ppo import FastPPO
+
+        return FastPPO
+    return ALGORITHMS[settings.algorithm].load_type()
 
 
 def _policy_of(request: TrainingRequest) -> Any:

@@ -55,6 +55,10 @@ class Hyperparameters:
     env
         Options of the environment that belong to the method, such as a longer control period;
         options given on the command line win over them.
+    fast_updates
+        PPO alone: whether the gradient of the loss is the one that is written out in
+        ``drm_baselines.rl.fast_ppo``, which is several times as fast as automatic differentiation
+        and rounds otherwise.
     model
         Arguments of the algorithm's class in Stable-Baselines3 or its contributions. A number as
         ``action_noise`` is the standard deviation of Gaussian noise, as a fraction of the torque
@@ -68,6 +72,7 @@ class Hyperparameters:
     learning_rate: float
     learning_rate_end: float
     torch_threads: int = 1
+    fast_updates: bool = False
     env: Mapping[str, Any] = field(default_factory=dict)
     model: Mapping[str, Any] = field(default_factory=dict)
     network: Network = field(default_factory=Network)
@@ -78,6 +83,8 @@ class Hyperparameters:
         if not self.network.critic_sees_payload:
             # what records have been like before there was a choice
             del data["network"]["critic_sees_payload"]
+        if not self.fast_updates:
+            del data["fast_updates"]
         if not ALGORITHMS[self.algorithm].remembers:
             for name in _LSTM:
                 del data["network"][name]
@@ -130,8 +137,8 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         A missing, unknown or impossible entry.
     """
     known = {
-        "algorithm", "n_envs", "learning_rate", "learning_rate_end", "torch_threads", "env",
-        "model", "network",
+        "algorithm", "n_envs", "learning_rate", "learning_rate_end", "torch_threads",
+        "fast_updates", "env", "model", "network",
     }  # fmt: skip
     unknown = sorted(set(data) - known)
     if unknown:
@@ -168,6 +175,11 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
     own_critic = network.get("lstm_critic", True)
     if not isinstance(own_critic, bool):
         raise _refuse(source, "network.lstm_critic", "true or false", own_critic)
+    fast = data.get("fast_updates", False)
+    if not isinstance(fast, bool):
+        raise _refuse(source, "fast_updates", "true or false", fast)
+    if fast and data["algorithm"] != "ppo":
+        raise _refuse(source, "fast_updates", f"false for {data['algorithm']}", fast)
     rate = _number(source, "learning_rate", data["learning_rate"])
     end = _number(source, "learning_rate_end", data.get("learning_rate_end", rate))
     if rate <= 0.0 or end < 0.0:
@@ -180,6 +192,7 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         torch_threads=_positive_int(
             source, "torch_threads", data.get("torch_threads", 1), MOST_THREADS
         ),
+        fast_updates=fast,
         env=dict(data.get("env", {})),
         model=dict(data.get("model", {})),
         network=Network(
