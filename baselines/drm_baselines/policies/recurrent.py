@@ -63,7 +63,8 @@ class Cell:
 def _sigmoid(values: Array) -> Array:
     # by the hyperbolic tangent, which cannot overflow
     half = np.float32(0.5)
-    return half * np.tanh(half * values) + half
+    found: Array = half * np.tanh(half * values) + half
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,7 +60,7 @@ class _Layers:
         self._gradients: list[tuple[Tensor, Tensor]] = []
         self._inputs = torch.empty(0)
 
-    def receive(self, gradients: Mapping[nn.Parameter, Tensor]) -> None:
+    def receive(self, gradients: Mapping[Tensor, Tensor]) -> None:
         """Take the arrays that gradients are written into."""
         self._gradients = [(gradients[one.weight], gradients[one.bias]) for one in self._linear]
 
@@ -140,7 +140,7 @@ class _Written:
         constant = self.log_std.sum() + self.log_std.numel() * _HALF_LOG_TAU
         return (scaled * scaled).sum(1).mul_(-0.5).sub_(constant)
 
-    def receive(self, gradients: Mapping[nn.Parameter, Tensor]) -> None:
+    def receive(self, gradients: Mapping[Tensor, Tensor]) -> None:
         """Take the arrays that gradients are written into."""
         self.actor.receive(gradients)
         self.critic.receive(gradients)
@@ -214,7 +214,7 @@ class _FlatAdam:
         self._gradient = torch.zeros_like(self._values)
         self._mean, self._square = torch.zeros_like(self._values), torch.zeros_like(self._values)
         self._root = torch.empty_like(self._values)
-        self.gradients: dict[nn.Parameter, Tensor] = {}
+        self.gradients: dict[Tensor, Tensor] = {}
         self._steps = 0
         begin = 0
         for parameter, state in zip(parameters, self._states, strict=True):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 import importlib.util
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -101,6 +103,13 @@ def run(bench: Bench) -> Section:
         torch.set_num_threads(before)
 
 
+def _steps_per_second(model: PPO, frames: int) -> float:
+    taken = seconds_of(
+        lambda: model.learn(frames, reset_num_timesteps=False, log_interval=1_000_000)
+    )
+    return frames / taken
+
+
 def _measured(bench: Bench) -> Section:
     rows: list[Row] = []
     notes: list[str] = []
@@ -109,18 +118,15 @@ def _measured(bench: Bench) -> Section:
         frames = shape[0] * shape[1]
         made = models(shape)
 
-        def steps_per_second(model: PPO, frames: int = frames) -> float:
-            taken = seconds_of(
-                lambda: model.learn(frames, reset_num_timesteps=False, log_interval=1_000_000)
-            )
-            return frames / taken
-
         for model in made.values():
-            steps_per_second(model)  # warm
+            _steps_per_second(model, frames)  # warm
         label = f"{shape[0]} x {shape[1]} steps, minibatches of {shape[2]}, {shape[3]} epochs"
         measured = bench.interleave(
             f"training: {label}",
-            {name: (lambda one=model: steps_per_second(one)) for name, model in made.items()},
+            {
+                name: functools.partial(_steps_per_second, model, frames)
+                for name, model in made.items()
+            },
         )
         ratio = paired_ratio(measured["ours"], measured["stock"])
         rows.append(
