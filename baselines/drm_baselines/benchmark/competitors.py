@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from drm_baselines.benchmark.records import Record
 from drm_baselines.errors import BaselineError, RunError
+from drm_baselines.evaluation.predictors import pilot_of
 from drm_baselines.policies.names import find, names_of
-from drm_baselines.policies.pilots import NetworkPilot, Pilot, pilot_named
+from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.policies.pilots import Pilot, pilot_named
 from drm_baselines.policies.pilots import runs_in as runs_in
 from drm_baselines.policies.pilots import shipped_runs as shipped_runs
 from drm_baselines.policies.pilots import task_in as task_in
@@ -87,7 +89,7 @@ class Competitor:
         if self.pilot is not None:
             yield 0, self.pilot
         for seed, directory in self.runs.items():
-            yield seed, NetworkPilot(self.policy, load_policy(directory))
+            yield seed, pilot_of(self.policy, load_policy(directory))
 
     def episodes(self, manoeuvres: Manoeuvres) -> NDArray[np.int64]:
         """Return the episodes of a suite that are flown, evenly spread."""
@@ -115,11 +117,14 @@ class Competitor:
             By name, each of shape (pilots, episodes).
         """
         episodes = self.episodes(manoeuvres)
-        trained = {
-            str(seed): pilot.policy.description.get("training", {})
-            for seed, pilot in pilots.items()
-            if isinstance(pilot, NetworkPilot)
+        flying = {str(seed): getattr(pilot, "policy", None) for seed, pilot in pilots.items()}
+        described = {
+            seed: policy.description
+            for seed, policy in flying.items()
+            if isinstance(policy, NetworkPolicy)
         }
+        trained = {seed: about.get("training", {}) for seed, about in described.items()}
+        weights = {seed: about["weights_sha256"] for seed, about in described.items()}
         return Record(
             policy=self.policy,
             title=self.title,
@@ -131,7 +136,8 @@ class Competitor:
             strata=[manoeuvres.strata[index] for index in episodes],
             metrics=metrics,
             details={
-                **({"training": trained} if trained else self.identity),
+                **self.identity,
+                **({"training": trained, "weights": weights} if trained else {}),
                 "suite": manoeuvres.digest,
                 **provenance.provenance(),
             },

@@ -24,6 +24,12 @@ from drm_baselines.support.extras import needing
 FORMAT = "drm-benchmark-records"
 FORMAT_VERSION = 1
 
+KINDS = ("bound", "open loop", "law", "tuned law", "shaped law", "controller", "learned")
+"""Kinds of policies that the package has, in the order of tables."""
+
+SUBMITTED = "submitted"
+"""Kind of a stranger's policy: it comes after all others."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
@@ -34,8 +40,7 @@ class Record:
     policy, title
         Key in files (``"linear_tuned"``) and name in tables.
     kind
-        ``"bound"``, ``"open loop"``, ``"law"``, ``"tuned law"``, ``"shaped law"``,
-        ``"controller"`` or ``"learned"``.
+        One of :data:`KINDS`, or :data:`SUBMITTED`.
     knows
         What it is told of the payload: ``"reported"``, ``"true"`` or ``"nothing"``.
     control_period

@@ -156,7 +156,8 @@ def train(
     start: Annotated[
         Path | None,
         typer.Option(
-            help="Directory of a policy to begin with, such as one of drm imitate (PPO only).",
+            help="Directory of a policy to begin with, such as one of drm imitate; its task and "
+            "layers are taken over unless --env and --hyperparameters say otherwise.",
             show_default=False,
         ),
     ] = None,
@@ -233,13 +234,20 @@ def train(
 
         algorithm = algo or "ppo"
         settings = settings_files.load_hyperparameters(algorithm, hyperparameters)
+        options = parse_options(set_options)
+        if start is not None:
+            from drm_baselines.rl import start as starting
+
+            env_id, options = starting.task_of_start(start, env_id, options)
+            if hyperparameters is None:
+                settings = starting.settings_of_start(start, settings)
         if n_envs is not None:
             settings = dataclasses.replace(settings, n_envs=n_envs)
         training = training_module()
         request = TrainingRequest(
             algorithm=algorithm,
             env_id=env_id or "drm_env/SlewResidual-v0",
-            options=parse_options(set_options),
+            options=options,
             steps=steps if steps is not None else 4_000_000,
             seed=seed if seed is not None else 0,
             settings=settings,

@@ -159,6 +159,11 @@ class NetworkPolicy:
             Once, of observations that the environment it was trained in cannot give: scaled,
             normalised or reordered ones.
         """
+        actions = self.network(self._batch_of(observation, deterministic))
+        return (actions[0] if np.ndim(observation) == 1 else actions), state
+
+    def _batch_of(self, observation: ArrayLike, deterministic: bool) -> Array:
+        """Check what is asked; return the observations as a batch, shape ``(n, d)``."""
         if not deterministic:
             raise PolicyError(
                 "an exported policy is deterministic: call predict with deterministic=True"
@@ -171,5 +176,4 @@ class NetworkPolicy:
             )
         batch = np.atleast_2d(array)
         self._check(batch)
-        actions = self.network(batch)
-        return (actions[0] if array.ndim == 1 else actions), state
+        return batch

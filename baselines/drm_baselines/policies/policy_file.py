@@ -1,4 +1,4 @@
-"""A learned policy as numbers: a multilayer perceptron that runs on numpy alone.
+"""A learned policy as numbers: a multilayer perceptron, or one behind layers of LSTM, in NumPy.
 
 Weights travel as a ``safetensors`` file, which can hold nothing but arrays, beside a JSON
 description (layers, activation, environment id and configuration, observation layout, training
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from drm_baselines.errors import PolicyError, RunError, WriteError
 from drm_baselines.policies.perceptron import ACTIVATIONS, OUTPUTS, Array, NetworkPolicy, Perceptron
+from drm_baselines.policies.recurrent import Cell, RecurrentNetwork, RecurrentPolicy
 from drm_baselines.support import storage
 from drm_baselines.support.reading import parse_json, shown
 
@@ -48,10 +49,18 @@ MAX_LAYERS = 16
 """Most layers of an exported policy."""
 MAX_LAYER_SIZE = 4096
 """Most inputs or outputs of a layer of an exported policy."""
+MAX_CELLS = 4
+"""Most layers of LSTM of an exported policy."""
+MAX_HIDDEN = 1024
+"""Most hidden units of a layer of LSTM of an exported policy."""
 
 _COMING = re.compile(r"policy-[0-9a-f]{16}\.safetensors")
 _READS = 5  # of a policy that is renewed while it is read
 _MAX_HEADER_BYTES = 64 << 10  # of the weights: 32 arrays with short names
+
+
+_CELL = ("input_weight", "hidden_weight", "bias")
+"""Arrays of a layer of LSTM."""
 
 
 class _StrangeWeightsError(RunError):
@@ -80,6 +89,16 @@ def save_policy(
     for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
         arrays[f"layers.{index}.weight"] = np.ascontiguousarray(weight, dtype=np.float32)
         arrays[f"layers.{index}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
+    recurrent: dict[str, Any] = {}
+    if isinstance(network, RecurrentNetwork):
+        recurrent["recurrent"] = [[cell.hidden, cell.inputs] for cell in network.cells]
+        if wrong := _misfit_of_cells(recurrent["recurrent"]):
+            raise PolicyError(f"the network cannot be exported: {wrong}")
+        for index, cell in enumerate(network.cells):
+            for part in _CELL:
+                arrays[f"recurrent.{index}.{part}"] = np.ascontiguousarray(
+                    getattr(cell, part), dtype=np.float32
+                )
     packed = save(arrays)
     digest = hashlib.sha256(packed).hexdigest()
     weights, published = directory / WEIGHTS_FILE, directory / DESCRIPTION_FILE
@@ -95,6 +114,7 @@ def save_policy(
     content = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
+        **recurrent,
         "layers": layers,
         "activation": network.activation,
         "output": network.output,
@@ -215,6 +235,24 @@ def _misfit_of(layers: Any) -> str | None:
     return None
 
 
+def _misfit_of_cells(cells: Any) -> str | None:
+    """Return what is wrong with the (hidden units, inputs) of layers of LSTM, if anything."""
+    if not isinstance(cells, list) or not 1 <= len(cells) <= MAX_CELLS:
+        return f"recurrent must be a list of 1 to {MAX_CELLS} sizes, got {shown(cells)}"
+    for index, cell in enumerate(cells):
+        if not isinstance(cell, list) or len(cell) != 2:
+            return f"recurrent[{index}] must be hidden units and inputs, got {shown(cell)}"
+        for size, most in zip(cell, (MAX_HIDDEN, MAX_LAYER_SIZE), strict=True):
+            if type(size) is not int or not 1 <= size <= most:
+                return f"recurrent[{index}] must be sizes from 1 to {most}, got {shown(cell)}"
+        if index and cell != [cells[0][0]] * 2:
+            return (
+                f"recurrent[{index}] must be {[cells[0][0]] * 2}, as the first has "
+                f"{cells[0][0]} units, got {shown(cell)}"
+            )
+    return None
+
+
 def _one_of(names: Sequence[str]) -> tuple[str, Callable[[Any], bool]]:
     return f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names
 
@@ -266,7 +304,17 @@ def _read_description(path: Path) -> dict[str, Any]:
         raise RunError(
             f"{path}: weights_file must be {WEIGHTS_FILE}, got {shown(content['weights_file'])}"
         )
-    entries, inputs = len(content["observation_layout"]), content["layers"][0][1]
+    inputs = content["layers"][0][1]
+    if "recurrent" in content:
+        if wrong := _misfit_of_cells(content["recurrent"]):
+            raise RunError(f"{path}: {wrong}")
+        if content["recurrent"][0][0] != inputs:
+            raise RunError(
+                f"{path}: layers[0] takes {inputs} inputs, but recurrent gives "
+                f"{content['recurrent'][0][0]}"
+            )
+        inputs = content["recurrent"][0][1]
+    entries = len(content["observation_layout"])
     if entries != inputs:
         raise RunError(
             f"{path}: observation_layout has {entries} entries, but the network takes {inputs}: "
@@ -275,10 +323,14 @@ def _read_description(path: Path) -> dict[str, Any]:
     return content
 
 
-def _shapes_of(layers: Sequence[Sequence[int]]) -> dict[str, list[int]]:
+def _shapes_of(description: Mapping[str, Any]) -> dict[str, list[int]]:
     """Return the shape of each array of the weights by name."""
     shapes = {}
-    for index, (outputs, inputs) in enumerate(layers):
+    for index, (hidden, inputs) in enumerate(description.get("recurrent", ())):
+        parts = ([4 * hidden, inputs], [4 * hidden, hidden], [4 * hidden])
+        for part, shape in zip(_CELL, parts, strict=True):
+            shapes[f"recurrent.{index}.{part}"] = shape
+    for index, (outputs, inputs) in enumerate(description["layers"]):
         shapes[f"layers.{index}.weight"] = [outputs, inputs]
         shapes[f"layers.{index}.bias"] = [outputs]
     return shapes
@@ -343,7 +395,7 @@ def _read_weights(path: Path, description: Mapping[str, Any]) -> dict[str, Array
         raise _StrangeWeightsError(
             f"{path} does not belong to {DESCRIPTION_FILE}: SHA-256 {digest} instead of {expected}"
         )
-    shapes = _shapes_of(description["layers"])
+    shapes = _shapes_of(description)
     _check_header(content, shapes, path)
     try:
         arrays = load(content)
@@ -366,6 +418,8 @@ def load_policy(directory: str | Path) -> NetworkPolicy:
     RunError
         No such directory, no exported policy, or files that are damaged, too large, links, or do
         not belong together. The message names file and reason; no network has been made.
+
+    A network with a memory is a :class:`drm_baselines.policies.recurrent.RecurrentPolicy`.
 
     Examples
     --------
@@ -397,10 +451,16 @@ def load_policy(directory: str | Path) -> NetworkPolicy:
             if left == 0 or _read_description(path) == description:
                 raise
     count = len(description["layers"])
-    network = Perceptron(
-        weights=[arrays[f"layers.{index}.weight"] for index in range(count)],
-        biases=[arrays[f"layers.{index}.bias"] for index in range(count)],
-        activation=description["activation"],
-        output=description["output"],
-    )
-    return NetworkPolicy(network, description)
+    parts: dict[str, Any] = {
+        "weights": [arrays[f"layers.{index}.weight"] for index in range(count)],
+        "biases": [arrays[f"layers.{index}.bias"] for index in range(count)],
+        "activation": description["activation"],
+        "output": description["output"],
+    }
+    if "recurrent" not in description:
+        return NetworkPolicy(Perceptron(**parts), description)
+    cells = [
+        Cell(**{part: arrays[f"recurrent.{index}.{part}"] for part in _CELL})
+        for index in range(len(description["recurrent"]))
+    ]
+    return RecurrentPolicy(RecurrentNetwork(**parts, cells=cells), description)

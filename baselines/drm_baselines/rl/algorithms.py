@@ -26,12 +26,15 @@ class Algorithm:
     draws
         Whether its policy draws its actions, with a standard deviation that it learns. One that
         does not needs noise from outside to explore.
+    remembers
+        Whether its policy has a memory: layers of LSTM.
     """
 
     package: str
     type_name: str
     replays: bool
     draws: bool = True
+    remembers: bool = False
 
     def load_type(self) -> type[BaseAlgorithm]:
         """Import and return the class.
@@ -54,5 +57,6 @@ ALGORITHMS = {
     "td3": Algorithm("stable_baselines3", "TD3", replays=True, draws=False),
     "tqc": Algorithm("sb3_contrib", "TQC", replays=True),
     "crossq": Algorithm("sb3_contrib", "CrossQ", replays=True),
+    "recurrent_ppo": Algorithm("sb3_contrib", "RecurrentPPO", replays=False, remembers=True),
 }
 """By the name that ``drm train --algo`` takes."""

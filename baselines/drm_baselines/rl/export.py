@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drm_baselines.errors import PolicyError
-from drm_baselines.policies.perceptron import Perceptron
+from drm_baselines.policies.perceptron import NetworkPolicy, Perceptron
+from drm_baselines.policies.recurrent import Cell, RecurrentNetwork, RecurrentPolicy
 from drm_baselines.support.extras import needing
 
 with needing("training", "learn"):
@@ -58,6 +60,64 @@ def perceptron_of(model: BaseAlgorithm) -> Perceptron:
     return Perceptron(weights=weights, biases=biases, activation=activations.pop(), output=output)
 
 
+def network_of(model: BaseAlgorithm) -> Perceptron:
+    """Return the network of a trained model, with its memory if it has one.
+
+    Raises
+    ------
+    PolicyError
+        See :func:`perceptron_of`.
+    """
+    head = perceptron_of(model)
+    memory: Any = getattr(model.policy, "lstm_actor", None)
+    if memory is None:
+        return head
+    if memory.bidirectional or memory.proj_size or not memory.bias:
+        raise PolicyError("an LSTM with projections, without biases or both ways is not exported")
+    cells = []
+    for index in range(memory.num_layers):
+        bias = [_numpy(getattr(memory, f"bias_{kind}_l{index}")) for kind in ("ih", "hh")]
+        cells.append(
+            Cell(
+                input_weight=_single(getattr(memory, f"weight_ih_l{index}")),
+                hidden_weight=_single(getattr(memory, f"weight_hh_l{index}")),
+                bias=np.ascontiguousarray(bias[0] + bias[1], dtype=np.float32),
+            )
+        )
+    return RecurrentNetwork(
+        weights=head.weights,
+        biases=head.biases,
+        activation=head.activation,
+        output=head.output,
+        cells=cells,
+    )
+
+
+def policy_of(model: BaseAlgorithm, description: Mapping[str, Any]) -> NetworkPolicy:
+    """Return a trained model as the policy that its export is."""
+    network = network_of(model)
+    if isinstance(network, RecurrentNetwork):
+        return RecurrentPolicy(network, description)
+    return NetworkPolicy(network, description)
+
+
+def actor_layers(model: BaseAlgorithm) -> tuple[list[nn.Linear], str]:
+    """Return the linear layers of a model's actor in order, and what is made of the last output.
+
+    There are none where something else is between them: a memory, or batches that are normalised.
+
+    Raises
+    ------
+    PolicyError
+        An unknown algorithm.
+    """
+    layers, output = _layers(model)
+    plain = all(isinstance(layer, (nn.Linear, *_ACTIVATIONS)) for layer in layers)
+    if not plain or hasattr(model.policy, "lstm_actor"):
+        return [], output
+    return [layer for layer in layers if isinstance(layer, nn.Linear)], output
+
+
 def _layers(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
     """The actor's layers in order, and what is made of the last one's output."""
     policy: Any = model.policy
@@ -82,6 +142,10 @@ def _normalisation(layer: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]
         gain = _numpy(layer.scale)
         scale, shift = scale * gain, shift * gain + _numpy(layer.bias)
     return scale, shift
+
+
+def _single(parameter: torch.Tensor) -> NDArray[np.float32]:
+    return np.ascontiguousarray(_numpy(parameter), dtype=np.float32)
 
 
 def _numpy(parameter: torch.Tensor) -> NDArray[np.float64]:

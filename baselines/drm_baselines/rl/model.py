@@ -11,13 +11,12 @@ import numpy as np
 
 import drm_env
 from drm_baselines.errors import RunError
-from drm_baselines.policies.policy_file import (
-    load_policy,
-)
+from drm_baselines.policies.perceptron import NetworkPolicy
+from drm_baselines.policies.policy_file import load_policy
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.rl.asymmetric import AsymmetricPolicy, PrivilegedObservations
-from drm_baselines.rl.export import perceptron_of
+from drm_baselines.rl.export import actor_layers, perceptron_of
 from drm_baselines.rl.request import TrainingRequest
 from drm_baselines.rl.staggered_resets import StaggeredStart
 from drm_baselines.support import cores, memory
@@ -26,7 +25,6 @@ from drm_baselines.support.seeds import training_seed
 
 with needing("training", "learn"):
     import torch
-    from stable_baselines3 import PPO
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
@@ -54,14 +52,18 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
     }
     if algorithm.draws:
         network["log_std_init"] = settings.network.log_std_init
+    if algorithm.remembers:
+        network["lstm_hidden_size"] = settings.network.lstm_units
+        network["n_lstm_layers"] = settings.network.lstm_layers
+        network["enable_critic_lstm"] = settings.network.lstm_critic
     if algorithm.replays:
         arguments["action_noise"] = _noise(arguments.get("action_noise"), env)
     if algorithm.draws and algorithm.replays and arguments.get("use_sde"):
         # By default the mean is clipped before it is squashed: one more kind of layer for nothing.
         network["clip_mean"] = 0.0
     try:
-        return algorithm.load_type()(
-            AsymmetricPolicy if settings.network.critic_sees_payload else "MlpPolicy",
+        return type_of(settings)(
+            _policy_of(request),
             env,
             learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate_end, 1.0),
             policy_kwargs=network,
@@ -74,6 +76,28 @@ def make_model(request: TrainingRequest, env: VecEnv) -> BaseAlgorithm:
         raise RunError(f"Stable-Baselines3 refuses the hyperparameters in [model]: {error}") from (
             error
         )
+
+
+def type_of(settings: hyperparameters.Hyperparameters) -> type[BaseAlgorithm]:
+    """Return the class of the model that settings ask for.
+
+    Raises
+    ------
+    MissingPackageError
+        Its package is not installed.
+    """
+    if settings.fast_updates:
+        from drm_baselines.rl.fast_ppo import FastPPO
+
+        return FastPPO
+    return ALGORITHMS[settings.algorithm].load_type()
+
+
+def _policy_of(request: TrainingRequest) -> Any:
+    """The class of the policy, or its name."""
+    if request.settings.network.critic_sees_payload:
+        return AsymmetricPolicy
+    return "MlpLstmPolicy" if ALGORITHMS[request.algorithm].remembers else "MlpPolicy"
 
 
 def _noise(deviation: Any, env: VecEnv) -> NormalActionNoise | None:
@@ -109,6 +133,9 @@ def _check_memory(request: TrainingRequest, env: VecEnv) -> None:
         return
     # of float32: an observation (in a buffer also the next one), an action and some single numbers
     values = (2 if name == "buffer_size" else 1) * shape[0] + 12
+    if ALGORITHMS[request.algorithm].remembers:
+        # states of actor and critic, two each, beside every step
+        values += 4 * request.settings.network.lstm_layers * request.settings.network.lstm_units
     rows = size if name == "buffer_size" else size * env.num_envs
     memory.require(4 * rows * values, f"[model] {name} = {size}")
 
@@ -126,24 +153,32 @@ def set_threads(settings: hyperparameters.Hyperparameters) -> None:
 
 
 def begin_with(model: BaseAlgorithm, directory: Path, config: drm_env.EnvConfig) -> None:
-    """Give PPO's actor the weights of a saved policy.
+    """Give a model's actor the weights of a saved policy.
+
+    PPO's actor then acts as the policy does. Those of SAC, TQC and TD3 squash their last layer by a
+    hyperbolic tangent where a student is clipped: small actions are the same (0.2 becomes 0.197),
+    large ones smaller.
 
     Raises
     ------
     RunError
-        Not PPO, or a policy of another shape, activation or observation.
+        An algorithm that cannot go on from it, or a policy of another shape, activation or
+        observation.
     """
     policy = load_policy(directory)
     layout = [list(entry) for entry in drm_env.observation_layout(config=config)]
     if [list(entry) for entry in policy.description["observation_layout"]] != layout:
         raise RunError(f"{directory}: the policy sees another observation than this task's")
-    if not isinstance(model, PPO) or policy.network.output != "clip":
-        raise RunError(f"{directory}: only PPO can go on from a policy, with a clipped output")
-    own = [
-        layer
-        for layer in [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-        if isinstance(layer, nn.Linear)
-    ]
+    if type(policy) is not NetworkPolicy:
+        raise RunError(f"{directory}: only a policy without a memory can be begun with")
+    own, output = actor_layers(model)
+    if not own:
+        raise RunError(f"{directory}: {type(model).__name__} cannot go on from a policy")
+    if output == "clip" and policy.network.output != "clip":
+        raise RunError(
+            f"{directory}: {type(model).__name__} can go on from a policy whose output is clipped, "
+            f"this one's is {policy.network.output!r}"
+        )
     shapes = [list(layer.weight.shape) for layer in own]
     given = [list(weight.shape) for weight in policy.network.weights]
     if shapes != given or perceptron_of(model).activation != policy.network.activation:

@@ -28,7 +28,7 @@ class TrainingRequest:
     evaluations, evaluation_episodes
         Number of points of the learning curve, and episodes behind each.
     start
-        Directory of a policy whose weights PPO begins with; none: random weights.
+        Directory of a policy whose weights the actor begins with; none: random weights.
     """
 
     algorithm: str

@@ -15,11 +15,10 @@ import numpy as np
 import drm_env
 from drm_baselines.errors import RunError
 from drm_baselines.evaluation.episodes import fly_policy
-from drm_baselines.policies.perceptron import NetworkPolicy
 from drm_baselines.policies.policy_file import (
     save_policy,
 )
-from drm_baselines.rl.export import perceptron_of
+from drm_baselines.rl.export import network_of, policy_of
 from drm_baselines.rl.request import Point, TrainingRequest, Watcher
 from drm_baselines.rl.run_record import (
     EVALUATIONS_FILE,
@@ -34,6 +33,7 @@ with needing("training", "learn"):
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 _CURVE_METRICS = (
     "episode_return", "tip_error_rms", "residual_rms", "settled", "settling_time",
@@ -146,17 +146,25 @@ class Run:
                 "algorithm": record.algorithm,
                 "seed": record.seed,
                 "steps": int(self.model.num_timesteps),
+                "updates": self._updates(),
                 "wall_time": self.wall_time,
                 "hyperparameters": record.hyperparameters,
                 **provenance.provenance(),
             },
         }
 
+    def _updates(self) -> int:
+        """How often the policy has changed, see :class:`drm_baselines.policies.budgets.Budget`."""
+        model: Any = self.model
+        if isinstance(model, OnPolicyAlgorithm):
+            return int(model.num_timesteps) // (model.n_steps * model.n_envs)
+        return int(model._n_updates)
+
     def evaluate(self, watcher: Watcher) -> None:
         """Add a point to the learning curve."""
         begun = time.monotonic()
         wall_time = self.wall_time
-        policy = NetworkPolicy(perceptron_of(self.model), self.describe_policy())
+        policy = policy_of(self.model, self.describe_policy())
         episodes = fly_policy(
             policy,
             self.record.env_id,
@@ -209,7 +217,7 @@ class Run:
             digests["replay_buffer"] = digest = storage.sha256_of(unnamed)
             files["replay_buffer"] = folder / f"replay_buffer_{steps}_{digest[:12]}.pkl"
             unnamed.replace(files["replay_buffer"])
-        save_policy(self.directory, perceptron_of(self.model), self.describe_policy())
+        save_policy(self.directory, network_of(self.model), self.describe_policy())
         record = self.record
         record.steps, record.wall_time, record.status = steps, self.wall_time, status
         record.checkpoint = {

@@ -26,7 +26,7 @@ from drm_baselines.policies.policy_file import (
 )
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.algorithms import ALGORITHMS
-from drm_baselines.rl.model import begin_with, make_envs, make_model, set_threads
+from drm_baselines.rl.model import begin_with, make_envs, make_model, set_threads, type_of
 from drm_baselines.rl.request import SilentWatcher, TrainingRequest, Watcher
 from drm_baselines.rl.run import Monitor, Run
 from drm_baselines.rl.run_record import (
@@ -249,7 +249,7 @@ def _resumed(
         set_threads(request.settings)
         env, first_seed = make_envs(request, config, len(record.segments))
         opened.callback(env.close)
-        model = ALGORITHMS[record.algorithm].load_type().load(files["model"], env=env, device="cpu")
+        model = type_of(request.settings).load(files["model"], env=env, device="cpu")
         model.set_random_seed(request.seed + len(record.segments))
         if isinstance(model, OffPolicyAlgorithm):
             if "replay_buffer" in files:

@@ -379,6 +379,7 @@ def test_table_has_a_row_a_policy_the_bound_first() -> None:
         "knows": "reported",
         "decides every (ms)": "20",
         "seeds": "3",
+        "trained, each seed": "-",
         "tip error RMS (mm)": "1.00 [1.00, 1.00]",
         "times the bound": "2.00 [2.00, 2.00]",
         "residual vibration RMS (mm)": "0.100",

@@ -25,7 +25,7 @@ from drm_baselines.errors import BaselineError, ExistingResultError, RunError
 from drm_baselines.evaluation.environments import environment_config
 from drm_baselines.rl.algorithms import ALGORITHMS
 from drm_baselines.rl.asymmetric import PRIVILEGED, PrivilegedObservations
-from drm_baselines.rl.export import perceptron_of
+from drm_baselines.rl.export import network_of
 from drm_baselines.rl.hyperparameters import from_data, load_hyperparameters
 from drm_baselines.rl.request import Point, SilentWatcher, TrainingRequest
 from drm_baselines.rl.run_record import load_run
@@ -69,6 +69,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "model": {"buffer_size": 1000, "learning_starts": 40, "batch_size": 16, "train_freq": 4,
                   "use_sde": True},
         "network": {"layers": [8, 7], "activation": "relu"},
+    },
+    "recurrent_ppo": {
+        "algorithm": "recurrent_ppo", "n_envs": 4, "learning_rate": 1e-3,
+        "model": {"n_steps": 16, "batch_size": 32, "n_epochs": 1},
+        "network": {"layers": [8], "activation": "tanh", "lstm_units": 6, "lstm_layers": 2},
     },
 }  # fmt: skip
 
@@ -117,7 +122,7 @@ def test_the_exported_policy_is_the_trained_one(tmp_path: Path, algorithm: str) 
     expected, _ = model.predict(observations, deterministic=True)
     np.testing.assert_allclose(policy.predict(observations)[0], expected, atol=2e-6)
     assert np.abs(expected).max() < 1.0, "clipped actions would agree whatever the network"
-    untrained = perceptron_of(model)
+    untrained = network_of(model)
     assert untrained.inputs == policy.network.inputs
 
 

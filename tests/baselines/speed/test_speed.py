@@ -432,6 +432,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "step": {"_ENGINE_STEPS": 10},
     "vector": {"SIZES": (1, 4), "_ENGINE_STEPS": 40},
     "learn": {"SIZES": (2,), "_STEPS": 8},
+    "training": {"SHAPES": ((2, 8, 8, 1),)},
     "rollout": {"_NUMPY_EPISODES": 8, "_NUMPY_SAMPLES": 2, "_NUMBA_EPISODES": 1},
     "scaling": {"SIZES": (1, 256), "RATIO_SIZES": (256,)},
     "memory": {"_SMALL": 16, "_LARGE": 2048},
@@ -442,6 +443,7 @@ HEADLINES = {
     "step": "step_us_above_engine",
     "vector": "vector_4_over_engine",
     "learn": "learn_SlewResidual-v0_2_over_idle",
+    "training": "training_2x8_over_stock",
     "rollout": "rollout_over_numpy",
     "scaling": "",
     "memory": "bytes_per_environment",
@@ -454,7 +456,7 @@ HEADLINES = {
 def test_every_section_runs_in_small(
     name: str, stand_in: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    if name == "learn":
+    if name in ("learn", "training"):
         pytest.importorskip("stable_baselines3")
     if name == "memory":
         pytest.importorskip("psutil")

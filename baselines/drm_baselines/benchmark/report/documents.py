@@ -20,6 +20,7 @@ from drm_baselines.benchmark.estimates import (
 )
 from drm_baselines.benchmark.records import SuiteResult
 from drm_baselines.benchmark.report import (
+    leaderboard,
     plots,
     summaries,
     tables,
@@ -130,12 +131,43 @@ def write_summary(path: Path, results: Sequence[SuiteResult], *, overwrite: bool
     return storage.write_json(path, summary(results), overwrite=overwrite)
 
 
+def update_leaderboard(root: Path, results: Sequence[SuiteResult]) -> list[Path]:
+    """Write the tables of docs/leaderboard.md, if the project has that page."""
+    board = root / "docs" / "leaderboard.md"
+    if not board.is_file():
+        return []
+    return [inject(board, "leaderboard", leaderboard.leaderboard(results))]
+
+
+def check_rows(page: Path, results: Sequence[SuiteResult]) -> None:
+    """Refuse to write tables that lack rows which the page has: they would be lost.
+
+    Raises
+    ------
+    BaselineError
+        The message names the suite and the policies.
+    """
+    text = page.read_text(encoding="utf-8") if page.is_file() else ""
+    for result in results:
+        begin, end = f"<!-- benchmark:{result.suite} -->", f"<!-- /benchmark:{result.suite} -->"
+        block = text.partition(begin)[2].partition(end)[0]
+        rows = [line.split("|")[1].strip() for line in block.splitlines() if line[:2] == "| "]
+        there = {row.removesuffix(" \\*") for row in rows[1:]}
+        lost = there - {record.title for record in result.records}
+        if lost:
+            raise BaselineError(
+                f"{page}: the table of {result.suite} has rows that were not flown: "
+                f"{', '.join(sorted(lost))}; fly them too, or take them out of the page"
+            )
+
+
 def update_documents(root: Path, results: Sequence[SuiteResult], figures: Path) -> list[Path]:
     """Write the tables between the markers of README.md (a short one) and docs/benchmark.md.
 
     What needs all suites is written when all have been flown.
     """
     readme, page = root / "README.md", root / "docs" / "benchmark.md"
+    check_rows(page, results)
     written = []
     for result in results:
         inject(page, result.suite, tables.markdown_table(result))

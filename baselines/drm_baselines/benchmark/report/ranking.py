@@ -14,12 +14,13 @@ from drm_baselines.benchmark.estimates import (
     multiple,
     restricted,
 )
-from drm_baselines.benchmark.records import Record, SuiteResult
+from drm_baselines.benchmark.records import KINDS as KINDS
+from drm_baselines.benchmark.records import SUBMITTED, Record, SuiteResult
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.metrics import describe
 
-KINDS = ("bound", "open loop", "law", "tuned law", "shaped law", "controller", "learned")
-"""Kinds of policies in the order of tables."""
+ORDER = (*KINDS, SUBMITTED)
+"""Kinds of policies in the order of tables, strangers' last."""
 
 JUDGE = "tip_error_rms"
 """The metric that policies are ranked by."""
@@ -33,15 +34,15 @@ def ordered(result: SuiteResult) -> list[Record]:
     Raises
     ------
     BaselineError
-        A kind that is none of :data:`KINDS`, or two records of one policy.
+        A kind that is none of :data:`ORDER`, or two records of one policy.
     """
     names = [record.policy for record in result.records]
     for record in result.records:
-        if record.kind not in KINDS:
-            raise BaselineError(f"{record.policy!r} is of kind {record.kind!r}; there are {KINDS}")
+        if record.kind not in ORDER:
+            raise BaselineError(f"{record.policy!r} is of kind {record.kind!r}; there are {ORDER}")
         if names.count(record.policy) > 1:
             raise BaselineError(f"suite {result.suite!r} has two records of {record.policy!r}")
-    return sorted(result.records, key=lambda record: KINDS.index(record.kind))
+    return sorted(result.records, key=lambda record: ORDER.index(record.kind))
 
 
 def restricted_result(result: SuiteResult, episodes: ArrayLike) -> SuiteResult:

@@ -7,7 +7,7 @@ in JSON and in the display units of :mod:`drm_baselines.evaluation.metrics` else
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 from rich.text import Text
@@ -18,7 +18,7 @@ from drm_baselines.benchmark.estimates import (
 from drm_baselines.benchmark.records import Record, SuiteResult
 from drm_baselines.benchmark.report.ranking import (
     JUDGE,
-    KINDS,
+    ORDER,
     bound_of,
     episodes_flown,
     flew_part,
@@ -26,10 +26,22 @@ from drm_baselines.benchmark.report.ranking import (
     ordered,
 )
 from drm_baselines.evaluation.metrics import HEADLINE, describe
+from drm_baselines.policies.budgets import mean_budget
 from drm_baselines.suites import SUITES
 from drm_baselines.support.format import significant
 
 _DASH = "-"
+
+TRAINED = "trained, each seed"
+"""Heading of what a learned policy was given to learn from."""
+
+
+BUDGETS = (
+    "Trained: decisions in all environments, updates of the policy and minutes of one training, "
+    "the mean over the seeds. An update is a batch of experience for PPO, a gradient step for "
+    "SAC, a round or a step of refinement for imitation."
+)
+"""What the column :data:`TRAINED` says."""
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -64,6 +76,20 @@ def _judge(record: Record) -> str:
     return with_interval(found.value, found.interval, describe(JUDGE).scale)
 
 
+def trained_on(record: Record) -> str:
+    """Return steps, updates and minutes of a learned policy, the mean over its seeds; else a dash.
+
+    See :class:`drm_baselines.policies.budgets.Budget`.
+    """
+    training = record.details.get("training")
+    if not isinstance(training, Mapping):
+        return _DASH
+    budget = mean_budget(
+        {seed: each for seed, each in training.items() if isinstance(each, Mapping)}
+    )
+    return _DASH if budget is None else budget.told()
+
+
 def headings_of() -> list[str]:
     """Return the headings of the table of a suite."""
 
@@ -71,7 +97,8 @@ def headings_of() -> list[str]:
         metric = describe(name)
         return f"{metric.label} ({metric.unit})"
 
-    start = ["policy", "knows", "decides every (ms)", "seeds", heading(JUDGE), "times the bound"]
+    start = ["policy", "knows", "decides every (ms)", "seeds", TRAINED]
+    start += [heading(JUDGE), "times the bound"]
     return start + [heading(name) for name in HEADLINE if name != JUDGE]
 
 
@@ -88,6 +115,7 @@ def rows_of(result: SuiteResult) -> list[list[str]]:
                 record.knows,
                 f"{record.control_period * 1e3:g}" if record.control_period > 0.0 else _DASH,
                 str(len(record.seeds)) if trained else _DASH,
+                trained_on(record),
                 _judge(record),
                 _DASH if ratio is None else with_interval(ratio.value, ratio.ci95),
                 *(_headline(record, name) for name in HEADLINE if name != JUDGE),
@@ -105,6 +133,8 @@ def notes(result: SuiteResult) -> list[str]:
         "An episode that never settles counts with the whole time after the slew; a diverged one "
         "counts as infinitely bad.",
     ]
+    if any(trained_on(record) != _DASH for record in result.records):
+        lines.append(BUDGETS)
     suite = SUITES.get(result.suite)
     if suite is not None and flown < suite.episodes:
         lines.append(f"These are {flown} of the {suite.episodes} episodes of the suite.")
@@ -140,7 +170,9 @@ def _escaped(text: str) -> str:
     return text.replace("*", "\\*")
 
 
-def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> list[str]:
+def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> list[str]:
+    """Return the lines of a Markdown table whose first ``left`` columns are text."""
+
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(_escaped(cell).replace("|", "\\|") for cell in cells) + " |"
 
@@ -150,7 +182,7 @@ def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int)
 
 def markdown_table(result: SuiteResult) -> str:
     """Return a suite as a Markdown table, a row a policy, its notes below as a list."""
-    table = _markdown(headings_of(), rows_of(result), 2)
+    table = markdown(headings_of(), rows_of(result), 2)
     return "\n".join([*table, "", *(f"- {_escaped(note)}" for note in notes(result))])
 
 
@@ -176,7 +208,7 @@ def short_markdown_table(result: SuiteResult) -> str:
         for note in notes(result)
         if not note.startswith("*") or any(note.startswith(f"* {title}:") for title in chosen)
     ]
-    return "\n".join([*_markdown(wanted, rows, 1), "", *(f"- {_escaped(note)}" for note in said)])
+    return "\n".join([*markdown(wanted, rows, 1), "", *(f"- {_escaped(note)}" for note in said)])
 
 
 def policies_in(results: Sequence[SuiteResult]) -> dict[str, Record]:
@@ -186,7 +218,7 @@ def policies_in(results: Sequence[SuiteResult]) -> dict[str, Record]:
         for record in ordered(result):
             found.setdefault(record.policy, record)
     # the sort is stable
-    return dict(sorted(found.items(), key=lambda item: KINDS.index(item[1].kind)))
+    return dict(sorted(found.items(), key=lambda item: ORDER.index(item[1].kind)))
 
 
 def degradation_of(results: Sequence[SuiteResult]) -> tuple[list[str], list[list[str]], bool]:
@@ -214,4 +246,4 @@ def degradation_table(results: Sequence[SuiteResult]) -> str:
     fewer episodes of a suite than others did.
     """
     headings, rows, starred = degradation_of(results)
-    return "\n".join([*_markdown(headings, rows, 1), *(["", _escaped(_STAR)] if starred else [])])
+    return "\n".join([*markdown(headings, rows, 1), *(["", _escaped(_STAR)] if starred else [])])

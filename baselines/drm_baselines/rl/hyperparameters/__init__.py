@@ -24,13 +24,18 @@ class Network:
     """Actor and critic: hidden layer sizes, activation, initial log of the action noise.
 
     With ``critic_sees_payload`` PPO's critic is told the true payload while it trains. TD3, whose
-    policy draws nothing, has no ``log_std_init``.
+    policy draws nothing, has no ``log_std_init``. Recurrent PPO has ``lstm_layers`` of
+    ``lstm_units`` each before the hidden layers, and with ``lstm_critic`` as many for the critic,
+    which else sees the present alone.
     """
 
     layers: tuple[int, ...] = (64, 64)
     activation: str = "tanh"
     log_std_init: float = -2.0
     critic_sees_payload: bool = False
+    lstm_units: int = 64
+    lstm_layers: int = 1
+    lstm_critic: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +55,10 @@ class Hyperparameters:
     env
         Options of the environment that belong to the method, such as a longer control period;
         options given on the command line win over them.
+    fast_updates
+        PPO alone: whether the gradient of the loss is the one that is written out in
+        ``drm_baselines.rl.fast_ppo``, which is several times as fast as automatic differentiation
+        and rounds otherwise.
     model
         Arguments of the algorithm's class in Stable-Baselines3 or its contributions. A number as
         ``action_noise`` is the standard deviation of Gaussian noise, as a fraction of the torque
@@ -63,6 +72,7 @@ class Hyperparameters:
     learning_rate: float
     learning_rate_end: float
     torch_threads: int = 1
+    fast_updates: bool = False
     env: Mapping[str, Any] = field(default_factory=dict)
     model: Mapping[str, Any] = field(default_factory=dict)
     network: Network = field(default_factory=Network)
@@ -73,8 +83,16 @@ class Hyperparameters:
         if not self.network.critic_sees_payload:
             # what records have been like before there was a choice
             del data["network"]["critic_sees_payload"]
+        if not self.fast_updates:
+            del data["fast_updates"]
+        if not ALGORITHMS[self.algorithm].remembers:
+            for name in _LSTM:
+                del data["network"][name]
         return data
 
+
+_LSTM = ("lstm_units", "lstm_layers", "lstm_critic")
+"""Entries of the network that only an algorithm with a memory has."""
 
 MOST_ENVS = 10_000
 """Most environments of a batch that learns."""
@@ -82,6 +100,10 @@ MOST_LAYERS = 15
 """Most hidden layers: what can be exported."""
 MOST_UNITS = 4096
 """Most units of a hidden layer: what can be exported."""
+MOST_LSTM_UNITS = 1024
+"""Most hidden units of a layer of LSTM: what can be exported."""
+MOST_LSTM_LAYERS = 4
+"""Most layers of LSTM: what can be exported."""
 MOST_THREADS = 1024
 """Most threads for the network's arithmetic."""
 
@@ -115,8 +137,8 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         A missing, unknown or impossible entry.
     """
     known = {
-        "algorithm", "n_envs", "learning_rate", "learning_rate_end", "torch_threads", "env",
-        "model", "network",
+        "algorithm", "n_envs", "learning_rate", "learning_rate_end", "torch_threads",
+        "fast_updates", "env", "model", "network",
     }  # fmt: skip
     unknown = sorted(set(data) - known)
     if unknown:
@@ -130,7 +152,10 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         if not isinstance(data.get(name, {}), Mapping):
             raise _refuse(source, name, "a table", data[name])
     network = dict(data.get("network", {}))
-    strange = sorted(set(network) - {"layers", "activation", "log_std_init", "critic_sees_payload"})
+    names = {"layers", "activation", "log_std_init", "critic_sees_payload"}
+    if ALGORITHMS[data["algorithm"]].remembers:
+        names |= set(_LSTM)
+    strange = sorted(set(network) - names)
     if strange:
         raise BaselineError(f"{source}: unknown entry 'network.{strange[0]}'")
     layers = network.get("layers", [64, 64])
@@ -147,6 +172,14 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         raise _refuse(
             source, "network.critic_sees_payload", f"false for {data['algorithm']}", privileged
         )
+    own_critic = network.get("lstm_critic", True)
+    if not isinstance(own_critic, bool):
+        raise _refuse(source, "network.lstm_critic", "true or false", own_critic)
+    fast = data.get("fast_updates", False)
+    if not isinstance(fast, bool):
+        raise _refuse(source, "fast_updates", "true or false", fast)
+    if fast and data["algorithm"] != "ppo":
+        raise _refuse(source, "fast_updates", f"false for {data['algorithm']}", fast)
     rate = _number(source, "learning_rate", data["learning_rate"])
     end = _number(source, "learning_rate_end", data.get("learning_rate_end", rate))
     if rate <= 0.0 or end < 0.0:
@@ -159,6 +192,7 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
         torch_threads=_positive_int(
             source, "torch_threads", data.get("torch_threads", 1), MOST_THREADS
         ),
+        fast_updates=fast,
         env=dict(data.get("env", {})),
         model=dict(data.get("model", {})),
         network=Network(
@@ -168,6 +202,13 @@ def from_data(data: Mapping[str, Any], source: str = "hyperparameters") -> Hyper
             activation=str(network.get("activation", "tanh")),
             log_std_init=_number(source, "network.log_std_init", network.get("log_std_init", -2.0)),
             critic_sees_payload=privileged,
+            lstm_units=_positive_int(
+                source, "network.lstm_units", network.get("lstm_units", 64), MOST_LSTM_UNITS
+            ),
+            lstm_layers=_positive_int(
+                source, "network.lstm_layers", network.get("lstm_layers", 1), MOST_LSTM_LAYERS
+            ),
+            lstm_critic=own_critic,
         ),
     )
 

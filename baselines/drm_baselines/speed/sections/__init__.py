@@ -13,6 +13,7 @@ SECTIONS = {
     "step": "one environment through Gymnasium, beside Pendulum and the engine alone",
     "vector": "batches of environments, beside NumPy's CartPole and the engine alone",
     "learn": "frames per second of PPO, beside PPO on environments that do nothing",
+    "training": "where PPO's time goes, and drm train beside the library's own loop",
     "rollout": "whole closed-loop episodes, beside C, NumPy and numba",
     "scaling": "steps per second over batch size and threads",
     "memory": "memory of a resting environment, and growth over a long run",
