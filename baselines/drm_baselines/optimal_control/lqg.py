@@ -52,9 +52,9 @@ STATE = (
     "tip_momentum",
     "started",
 )
-"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance (units of
-``angle_deviation`` and ``mass_deviation``), turns of the shoulder's tangent by the modes (rad,
-rad/s), torques (N m) and momenta (N m s) of the wheels."""
+"""What the law remembers of a manoeuvre: rad, a part of the reported mass, their covariance (in
+units of ``angle_deviation`` and ``mass_deviation``), turns of the shoulder's tangent by the modes
+(rad, rad/s), torques (N m) and momenta (N m s) of the wheels."""
 
 _LARGEST_MASS_ERROR = 0.25
 
