@@ -37,9 +37,19 @@ test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then it
 	$(BIN)/python -m pytest -m slow --durations=5 -v
 
 .PHONY: soak
-soak: $(READY) ## what takes long: commands killed again and again, thousands of configurations
-	$(BIN)/python tools/soak.py --kills 20
-	DRM_PROFILE=soak $(BIN)/python -m pytest tests/test_properties.py -q
+soak: $(READY) ## what takes long: commands killed again and again, a hundred million steps, thousands of configurations
+	$(BIN)/python tools/soak.py --kills 20 --steps 1e8
+	DRM_PROFILE=soak $(BIN)/python -m pytest tests/test_properties.py tests/test_function_properties.py tests/test_fuzz_bindings.py -q
+
+# Needs cargo-deny (`cargo install cargo-deny`); advisories are asked for over the network.
+.PHONY: audit
+audit: $(TOOLS) ## licences, sources and known weaknesses of what the project needs (SECURITY.md)
+	cargo deny check
+	$(BIN)/uvx pip-audit --require-hashes --disable-pip -r requirements-dev.txt
+
+.PHONY: sbom
+sbom: $(READY) ## what a release consists of: dist/*.cdx.json, bills of materials in CycloneDX's form
+	$(BIN)/python tools/sbom.py dist
 
 # The next target that needs the engine compiles the release again: nothing is measured with this one.
 .PHONY: edit
