@@ -16,13 +16,47 @@ use serde_json::{Map, Value, json};
 /// # Errors
 /// An unknown field, a value of the wrong type, a list where a table belongs.
 pub fn typed<T: DeserializeOwned + Serialize>(document: &Value) -> Result<T, ConfigError> {
-    let found: T = serde_path_to_error::deserialize(document).map_err(|e| {
-        let path = e.path().to_string();
-        ConfigError::form(path, e.into_inner())
-    })?;
+    let found: T = match serde_path_to_error::deserialize(document) {
+        Ok(found) => found,
+        Err(error) => {
+            let path = error.path().to_string();
+            let path = if path == "." { String::new() } else { path };
+            let message = error.into_inner().to_string();
+            let path = below_a_tag::<T>(document, path, &message);
+            return Err(ConfigError::form(path, message));
+        }
+    };
     let made = serde_json::to_value(&found).map_err(|e| ConfigError::form("", e))?;
     refuse_lists_for_tables(document, &made, "")?;
     Ok(found)
+}
+
+/// Where it is that something does not fit. Serde tells no path below a tag, such as the name of a law: there it
+/// is the part without which the complaint would be another.
+fn below_a_tag<T: DeserializeOwned>(document: &Value, mut path: String, message: &str) -> String {
+    let tags = ["name", "kind"];
+    let pointer = |path: &str| match path.replace(['.', '['], "/").replace(']', "") {
+        path if path.is_empty() => path,
+        path => format!("/{path}"),
+    };
+    let tagged = |part: &Value| tags.iter().any(|tag| part[*tag].is_string());
+    if !document.pointer(&pointer(&path)).is_some_and(tagged) {
+        return path;
+    }
+    while let Some(Value::Object(parts)) = document.pointer(&pointer(&path)) {
+        let culprit = parts.keys().find(|name| {
+            let mut rest = document.clone();
+            if let Some(Value::Object(parts)) = rest.pointer_mut(&pointer(&path)) {
+                parts.remove(*name);
+            }
+            let other = T::deserialize(rest).err().map(|error| error.to_string());
+            !tags.contains(&name.as_str()) && other.as_deref() != Some(message)
+        });
+        let Some(name) = culprit else { break };
+        let separator = if path.is_empty() { "" } else { "." };
+        path = format!("{path}{separator}{name}");
+    }
+    path
 }
 
 /// Refuses a list that a table was made of. A list of a distribution is a range or choices.

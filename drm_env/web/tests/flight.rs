@@ -101,8 +101,8 @@ fn what_cannot_be_flown_is_refused_in_the_engine_s_words() {
     assert!(unknown.contains("unknown field `speed`"), "{unknown}");
     let mut other = policy(&json!({}));
     other["policy"]["layers"] = json!([[2, 5]]);
-    let other = asked(&other).expect_err("the weights are others");
-    assert_eq!(other, "weights must have 48 bytes, got 288");
+    let refused = asked(&other).expect_err("the weights are others");
+    assert_eq!(refused, "weights must have 48 bytes, got 288");
     other["policy"]["layers"] = json!([[usize::MAX, usize::MAX]]);
     let huge = asked(&other).expect_err("nobody has such weights");
     assert!(huge.starts_with("weights must have "), "{huge}");
