@@ -41,9 +41,45 @@ test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then it
 	$(BIN)/python -m pytest -m slow --durations=5 -v
 
 .PHONY: soak
-soak: $(READY) ## what takes long: commands killed again and again, thousands of configurations
-	$(BIN)/python tools/soak.py --kills 20
-	DRM_PROFILE=soak $(BIN)/python -m pytest tests/test_properties.py -q
+soak: $(READY) ## what takes long: commands killed again and again, a hundred million steps, thousands of configurations
+	$(BIN)/python tools/soak.py --kills 20 --steps 1e8
+	DRM_PROFILE=soak $(BIN)/python -m pytest tests/test_properties.py tests/test_function_properties.py tests/test_fuzz_bindings.py -q
+	DRM_FUZZ_CASES=20000 cargo test --release -p drm-env-web --test corpora
+	@if cargo +nightly miri --version > /dev/null 2>&1; then $(MAKE) miri; else \
+	  echo "no Miri here (rustup toolchain install nightly --component miri,rust-src): 'make miri' is left out"; fi
+
+# Unsafe code that an interpreter can run: what threads of a batch share, and what is watched over them.
+.PHONY: miri
+miri: # interpret the unsafe code that is no instruction of a processor (docs/reliability.md)
+	MIRIFLAGS="-Zmiri-many-seeds=0..8" \
+	  cargo +nightly miri test -p drm_env --lib -- batch::thread_pool interruption
+
+# Needs cargo-fuzz (`cargo install cargo-fuzz`) and Atheris (`.venv/bin/uv pip install atheris`). libFuzzer's flags
+# belong to nightly compilers: RUSTC_BOOTSTRAP lets the stable one take them.
+FUZZ_SECONDS ?= 600
+.PHONY: fuzz
+fuzz: $(READY) ## feed engine and bindings with what libFuzzer makes up (docs/reliability.md)
+	for door in configuration text snapshot network actions; do \
+	  mkdir -p target/fuzz/found/$$door; \
+	  CARGO_TARGET_DIR=target/fuzz RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir drm_env/fuzz $$door \
+	    target/fuzz/found/$$door drm_env/fuzz/corpus/$$door -- -max_total_time=$(FUZZ_SECONDS) \
+	    -timeout=20 -rss_limit_mb=2048 -max_len=4096 -dict=drm_env/fuzz/dictionary.txt; \
+	done
+	for target in arrays files; do \
+	  mkdir -p target/fuzz/found/$$target; \
+	  $(BIN)/python tools/fuzz_bindings.py $$target target/fuzz/found/$$target tests/corpora/$$target \
+	    -max_total_time=$(FUZZ_SECONDS) -timeout=20; \
+	done
+
+# Needs cargo-deny (`cargo install cargo-deny`); advisories are asked for over the network.
+.PHONY: audit
+audit: $(TOOLS) ## licences, sources and known weaknesses of what the project needs (SECURITY.md)
+	cargo deny check
+	$(BIN)/uvx pip-audit --require-hashes --disable-pip -r requirements-dev.txt
+
+.PHONY: sbom
+sbom: $(READY) ## what a release consists of: dist/*.cdx.json, bills of materials in CycloneDX's form
+	$(BIN)/python tools/sbom.py dist
 
 # The next target that needs the engine compiles the release again: nothing is measured with this one.
 .PHONY: edit

@@ -7,6 +7,7 @@ and scenarios; single environment, batch and the functions around them.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -433,3 +434,80 @@ def test_trajectory_names_its_signals() -> None:
 def test_json_of_a_configuration_is_complete() -> None:
     text = drm_env.DrmEnv().config_json
     assert set(json.loads(text)) == {"scenario", "randomize", "task"}
+
+
+TABLES = ("reward", "limits", "scenario", "randomize", "task")
+LISTS: list[Any] = [
+    [], [1.0], (2.0, 1.0), (1.0, 2.0), (1.0, 2.0, 3.0), [math.nan], [[1.0]], np.ones(2),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("value", LISTS, ids=repr)
+@pytest.mark.parametrize("name", TABLES)
+def test_a_list_is_no_table(name: str, value: Any) -> None:
+    """What reads the text would take it for the fields of the table in their order."""
+    with pytest.raises(drm_env.ConfigError, match=name):
+        drm_env.resolve(config={name: value} if name == "task" else within(name, value))
+    if name == "task":
+        return  # as an option it is the name of a task
+    with pytest.raises(drm_env.ConfigError, match=name):
+        drm_env.resolve(**{name: value})
+    with pytest.raises(drm_env.ConfigError, match=name):
+        drm_env.DrmEnv(**{name: value})
+    # beside options that are laid over the table
+    with pytest.raises(drm_env.ConfigError, match=name):
+        drm_env.resolve(**{name: value}, mass_error=0.1, payload_mass=300.0, payload_width=(1, 2))
+
+
+def within(name: str, value: Any) -> dict[str, Any]:
+    return {"task": {name: value}} if name in ("reward", "limits") else {name: value}
+
+
+@pytest.mark.parametrize("value", [[], [1.0], [1.0, 2.0], (1.0, 2.0)], ids=repr)
+def test_a_list_is_no_table_inside_of_one(value: Any) -> None:
+    with pytest.raises(drm_env.ConfigError, match="payload"):
+        drm_env.resolve(config={"scenario": {"payload": value}}, payload_mass=20.0)
+    with pytest.raises(drm_env.ConfigError, match="payload"):
+        drm_env.simulate(scenario={"payload": value})
+    with pytest.raises(drm_env.ConfigError, match="payload"):
+        drm_env.rollout([{"payload": value}])
+    with pytest.raises(drm_env.ConfigError, match="payload"):
+        drm_env.Model(payload=value)
+    with pytest.raises(drm_env.ConfigError, match=r"law.*root"):
+        drm_env.simulate(law={"name": "scheduled", "root": value})
+    with pytest.raises(drm_env.ConfigError, match=r"inner_law.*root"):
+        drm_env.resolve(inner_law={"name": "scheduled", "root": value})
+
+
+@pytest.mark.parametrize("value", [["linear"], ["linear", 1.0, 2.0], ["none"]], ids=repr)
+def test_a_list_is_no_law(value: Any) -> None:
+    with pytest.raises(drm_env.ConfigError, match="law"):
+        drm_env.simulate(law=value)
+    with pytest.raises(drm_env.ConfigError, match="inner_law"):
+        drm_env.resolve(inner_law=value)
+    with pytest.raises(drm_env.ConfigError, match="law"):
+        drm_env.rollout([{}], law=value)
+
+
+MISSIONS: list[Any] = [
+    ([], "mission"), ([[]], "mission"), ((1.0, 2.0), "mission"), ({"legs": {"kind": 1}}, "legs"),
+    ({"legs": [["hold", 0.1]]}, r"legs\[0\]"), ({"legs": [["release"]]}, r"legs\[0\]"),
+    ({"legs": [{"kind": "grapple", "payload": [9.0]}]}, r"legs\[0\]\.payload"),
+    ({"legs": [{"kind": "hold", "duration": [0.1]}]}, r"legs\[0\]\.duration"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("mission", "place"), MISSIONS, ids=repr)
+def test_a_list_is_no_mission_and_no_leg(mission: Any, place: str) -> None:
+    with pytest.raises(drm_env.ConfigError, match=place):
+        drm_env.resolve(config={"mission": mission})
+    with pytest.raises(drm_env.ConfigError, match=place):
+        drm_env.simulate({"mission": mission})
+    with pytest.raises(drm_env.ConfigError, match=place):
+        drm_env.rollout([{"mission": mission}])
+
+
+def test_nothing_is_no_table_either() -> None:
+    """An option for what is drawn made a table of it."""
+    with pytest.raises(drm_env.ConfigError, match="randomize"):
+        drm_env.resolve(config={"randomize": None}, payload_mass=300.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import random
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 pytest.importorskip("pyarrow")
 ROOT = Path(__file__).parents[1]
 CORPORA = ROOT / "tests" / "corpora"
-TRIES = 1500
+TRIES = 150_000 if os.environ.get("DRM_PROFILE") == "soak" else 1500
 
 
 def bindings() -> Any:

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -19,8 +20,8 @@ from drm_baselines.support.extras import EXTRAS
 ROOT = Path(__file__).parents[1]
 FREE = {
     "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0", "HPND", "ISC",
-    "LLVM-exception", "MIT", "MIT-0", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Python-2.0", "Unlicense",
-    "Unicode-3.0", "Zlib", "bzip2-1.0.6",
+    "LLVM-exception", "MIT", "MIT-0", "MIT-CMU", "MPL-2.0", "NCSA", "PSF-2.0", "Python-2.0",
+    "Unlicense", "Unicode-3.0", "Zlib", "bzip2-1.0.6",
 }  # fmt: skip
 """Licences that put no condition on who uses the project, by their SPDX names."""
 SPELLINGS = (
@@ -210,3 +211,45 @@ def test_requirements_are_exact_with_hashes_and_name_no_index() -> None:
             "--no-emit-index-url", "").replace("--no-emit-find-links", "")), path  # fmt: skip
     pinned = {canonicalize_name(entry.partition("==")[0].partition("[")[0]) for entry in entries}
     assert wanted_by("requirements-dev.in") <= pinned
+
+
+def test_the_licences_that_cargo_deny_allows_are_free() -> None:
+    settings = tomllib.loads((ROOT / "deny.toml").read_text())
+    assert {name for text in settings["licenses"]["allow"] for name in names_of(text)} <= FREE
+    assert set(settings["sources"].values()) == {"deny"}
+
+
+@pytest.mark.skipif(shutil.which("cargo-deny") is None, reason="needs cargo-deny")
+def test_cargo_deny_finds_nothing_in_what_it_can_check_without_a_network() -> None:
+    done = subprocess.run(
+        ["cargo", "deny", "--offline", "check", "licenses", "bans", "sources"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_a_bill_of_materials_lists_what_is_released_and_no_folder_of_the_machine(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("cyclonedx_py")
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools" / "sbom.py", tmp_path],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if "without its bill" in done.stderr:
+        pytest.skip("this engine was not installed by maturin")
+    assert done.returncode == 0, done.stderr
+    engine = (tmp_path / "engine.cdx.json").read_text()
+    assert not re.search(r"file:///(?!drm_env)", engine)
+    parts = {part["name"]: part for part in json.loads(engine)["components"]}
+    lock = tomllib.loads((ROOT / "Cargo.lock").read_text())["package"]
+    locked = {(package["name"], package["version"]) for package in lock}
+    assert {"drm_env", "nalgebra", "pyo3", "serde_json"} <= set(parts)
+    assert {(part["name"], part["version"]) for part in parts.values()} <= locked
+    python = json.loads((tmp_path / "python.cdx.json").read_text())
+    assert python["bomFormat"] == "CycloneDX"
+    named = {canonicalize_name(part["name"]): part for part in python["components"]}
+    text = (ROOT / "requirements-dev.txt").read_text()
+    pinned = re.findall(r"^([a-z0-9._-]+)(?:\[[^\]]*\])?==", text, re.MULTILINE)
+    assert {canonicalize_name(name) for name in pinned} <= set(named)
+    assert "hashes" in json.dumps(named["numpy"])

@@ -321,14 +321,14 @@ def main() -> None:
     name = sys.argv[1] if len(sys.argv) > 1 else ""
     if name not in TARGETS:
         sys.exit(f"give one of {', '.join(TARGETS)}, then libFuzzer's arguments")
-    target = TARGETS[name]
     machinery()
     sound_files()
-    if name == "files":
-        # which branches of the readers were taken is what the fuzzer goes by
-        for function in (load_policy, read_record, storage.load_arrays):
-            atheris.instrument_func(function)
-    atheris.Setup([sys.argv[0], *sys.argv[2:]], target)
+    # which branches were taken is what the fuzzer goes by
+    readers = (load_policy, read_record, storage.load_arrays)
+    for function in (*TARGETS.values(), _steps, array_of, damaged, *readers):
+        atheris.instrument_func(function)
+    # inputs of full length from the beginning: short ones are mostly zeros
+    atheris.Setup([sys.argv[0], "-len_control=0", "-max_len=600", *sys.argv[2:]], TARGETS[name])
     atheris.Fuzz()
 
 

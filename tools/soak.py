@@ -1,12 +1,14 @@
-"""Kill the commands at random moments, start them again, and compare what they end with.
+"""Rough and long runs: commands that are killed and started again, steps without an end.
 
 Each command runs once undisturbed. Then it is started again and again: at a random moment of its
 work (seeded) it gets a SIGKILL, is started anew as a user would, and so on until it ends by itself.
 What it has left must be what the undisturbed run left; no process of it may live on, and no
-temporary file may stay. Prints a table; the exit code says whether anything was lost.
+temporary file may stay. Then a batch is stepped a hundred million times, and its memory must not
+grow. Prints tables; the exit code says whether anything was lost.
 
     python tools/soak.py --kills 20              # make soak
     python tools/soak.py --kills 1 --only tune
+    python tools/soak.py --only steps --steps 1e7
 """
 
 from __future__ import annotations
@@ -168,13 +170,38 @@ def _reproduce_result(out: Path) -> Any:
     return {path.name: path.read_bytes() for path in out.iterdir() if path.name[0] != "."}
 
 
+def _sweep(out: Path) -> list[str]:
+    # two blocks of each
+    return drm(
+        "sweep", "--law", "linear", "--law", "lqr", "--episodes", 10_000, "--out", out,
+        "--set", "horizon=4.0",
+    )  # fmt: skip
+
+
+def _sweep_result(out: Path) -> Any:
+    import pandas as pd
+
+    parts = sorted((out / "episodes").rglob("*.parquet"))
+    tables = {str(path.relative_to(out)): pd.read_parquet(path) for path in parts}
+    found = {name: table.to_dict("list") for name, table in tables.items()}
+    return repr(found), (out / "summary.json").read_text(), (out / "tip_error.png").is_file()
+
+
 CASES: Mapping[str, Case] = {
     "train": Case(_train, _train_again, _train_result),
     "tune": Case(_tune, _tune, _tune_result),
     "imitate": Case(_imitate, _imitate, _imitate_result),
     "benchmark": Case(_benchmark, _benchmark, _benchmark_result),
     "reproduce": Case(_reproduce, _reproduce, _reproduce_result),
+    "sweep": Case(_sweep, _sweep, _sweep_result),
 }
+
+STEPS = "steps"
+"""What is asked for with ``--only`` beside the commands."""
+ENVIRONMENTS = 1024
+"""Environments in the batch that is stepped long."""
+GROWTH = 4 << 20
+"""Bytes that a process may grow by after the first tenth of its steps."""
 
 
 def run(
@@ -281,19 +308,112 @@ def orphans_of(leader: int, patience: float = 10.0) -> int:
     return len(found)
 
 
+def memory() -> int:
+    """Return the memory that this process has in use, bytes."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass
+class Walk:
+    """What came of stepping a batch for long; memory in bytes after the first tenth and later."""
+
+    steps: int
+    episodes: int
+    samples: list[int]
+    seconds: float
+
+    @property
+    def growth(self) -> int:
+        """Bytes that the process was larger by than after the first tenth of the steps."""
+        return max(self.samples) - self.samples[0]
+
+
+def walk(steps: int) -> Walk:
+    """Step a batch so many times: episodes end and begin, contexts change, snapshots come back."""
+    import numpy as np
+
+    import drm_env
+
+    env = drm_env.DrmVectorEnv(
+        ENVIRONMENTS, horizon=4.0, payload_mass=(50.0, 500.0), mass_error=(-0.15, 0.15)
+    )
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1.0, 1.0, (16, ENVIRONMENTS, 2)).astype(np.float32)
+    env.reset(seed=0)
+    rounds = -(-steps // ENVIRONMENTS)
+    tenth = max(1, rounds // 10)
+    samples: list[int] = []
+    episodes = 0
+    began = time.monotonic()
+    for i in range(rounds):
+        observations, rewards, terminated, truncated, _ = env.step(actions[i % len(actions)])
+        episodes += int(np.count_nonzero(terminated | truncated))
+        if i % 1000 == 999:
+            if not (np.isfinite(observations).all() and np.isfinite(rewards).all()):
+                raise AssertionError(f"round {i}: a number is not finite")
+            env.set_state(env.get_state())
+        if i % 5000 == 4999:
+            masses = rng.uniform(50.0, 500.0, ENVIRONMENTS)
+            env.reset(seed=i, options={"payload_mass": masses})
+        if i + 1 >= tenth and (i + 1) % max(1, tenth // 4) == 0:
+            samples.append(memory())
+    env.close()
+    return Walk(rounds * ENVIRONMENTS, episodes, samples, time.monotonic() - began)
+
+
+def walk_apart(steps: int) -> bool:
+    """Step long in a process of its own, print what came of it, and say whether memory grew."""
+    program = (
+        f"import json, soak; w = soak.walk({steps}); "
+        "print(json.dumps([w.steps, w.episodes, w.samples, w.seconds]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=Path(__file__).parent, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    if done.returncode:
+        print(done.stderr, file=sys.stderr)
+        return False
+    found = Walk(*json.loads(done.stdout))
+    mib = [sample / (1 << 20) for sample in (found.samples[0], found.samples[-1])]
+    print("\n| steps | episodes | MiB after a tenth | MiB at the end | growth, MiB | seconds |")
+    print("| --: | --: | --: | --: | --: | --: |")
+    print(
+        f"| {found.steps:,} | {found.episodes:,} | {mib[0]:.1f} | {mib[1]:.1f} | "
+        f"{found.growth / (1 << 20):.2f} | {found.seconds:.0f} |",
+        flush=True,
+    )
+    return found.growth <= GROWTH
+
+
 def main() -> int:
-    """Attack the commands and print a table."""
+    """Attack the commands, step long, and print tables."""
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--kills", type=int, default=20, help="SIGKILLs for each command")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
-    parser.add_argument("--only", action="append", choices=sorted(CASES), help="these commands")
+    parser.add_argument("--steps", type=float, default=1e8, help="steps of the long run")
+    parser.add_argument(
+        "--only", action="append", choices=[*sorted(CASES), STEPS], help="these commands, or steps"
+    )
     arguments = parser.parse_args()
+    wanted = arguments.only or [*CASES, STEPS]
+    lost = 0
+    if any(name in CASES for name in wanted):
+        lost += attack_all([name for name in wanted if name in CASES], arguments)
+    if STEPS in wanted and not walk_apart(int(arguments.steps)):
+        lost += 1
+    return 1 if lost else 0
+
+
+def attack_all(names: Sequence[str], arguments: argparse.Namespace) -> int:
+    """Attack commands and print a table; return how much was lost or stayed behind."""
     lost = 0
     print("| command | runs | SIGKILLs | processes left | files left | lost | seconds |")
     print("| --- | --: | --: | --: | --: | --: | --: |")
     with tempfile.TemporaryDirectory(prefix="drm-soak-") as folder:
         os.environ["XDG_STATE_HOME"] = str(Path(folder) / "state")
-        for name in arguments.only or CASES:
+        for name in names:
             place = Path(folder) / name
             place.mkdir()
             rng = random.Random(f"{arguments.seed} {name}")
@@ -306,7 +426,7 @@ def main() -> int:
             for fault in tally.faults:
                 print(fault, file=sys.stderr)
             lost += len(tally.faults) + tally.orphans + tally.leftovers
-    return 1 if lost else 0
+    return lost
 
 
 if __name__ == "__main__":

@@ -21,7 +21,9 @@ use pyo3::prelude::*;
 #[pyfunction]
 fn load(py: Python<'_>) -> PyResult<()> {
     arrays::load(py)?;
-    error::load(py)
+    error::load(py)?;
+    error::guarded(drm_env::simd::Instructions::wanted)?;
+    Ok(())
 }
 
 /// The engine of drm_env: everything that computes.

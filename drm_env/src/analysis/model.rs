@@ -274,7 +274,7 @@ impl Model {
     /// Malformed text, unknown names, values of the wrong type or out of range.
     pub fn from_json(text: &str) -> Result<Self, ConfigError> {
         let document = crate::config::json::object("model", text)?;
-        Self::new(crate::config::json::typed(document.into())?)
+        Self::new(crate::config::json::typed(&document.into())?)
     }
 
     /// The payload with every dimension known.

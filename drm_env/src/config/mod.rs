@@ -28,8 +28,8 @@ use crate::hardware::sensors::Sensors;
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::plant::PlantModel;
 
-pub use json::{law_from_json, mission_from_json, scenario_from_json};
-use json::{name_law, object, typed};
+pub use json::{law_from_json, mission_from_json, scenario_from_json, typed};
+use json::{name_law, object};
 pub use reward::Reward;
 pub use task::{Actuator, Limits, ObservePayload, Task};
 pub use valid::ValidConfig;
@@ -218,7 +218,7 @@ impl EnvConfig {
         if let Some(law) = document.pointer_mut("/task/inner_law") {
             name_law(law);
         }
-        let config: Self = typed(document)?;
+        let config: Self = typed(&document)?;
         config.validate()?;
         Ok(config)
     }

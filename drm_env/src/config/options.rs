@@ -228,12 +228,12 @@ pub(crate) fn release_fixed(document: &mut Value, parts: &Map<String, Value>) {
         let pointer = format!("/{}", parameter.path.replace('.', "/"));
         let drawn = parts.get("randomize").and_then(|r| r.get(parameter.name));
         if scenario.pointer(&pointer).is_some() && drawn.is_none() {
-            document["randomize"][parameter.name] = Value::Null;
+            set_drawn(document, parameter.name, Value::Null);
         }
     }
 }
 
-fn is_distribution(value: &Value) -> bool {
+pub(crate) fn is_distribution(value: &Value) -> bool {
     value.as_object().is_some_and(|fields| {
         fields.len() == 1 && KINDS.iter().any(|name| fields.contains_key(*name))
     })
@@ -258,7 +258,7 @@ pub(crate) fn apply_option(
             _ => None,
         };
         if let Some((rival, off)) = rival.filter(|_| !value.is_null()) {
-            document["randomize"][rival] = Value::Null;
+            set_drawn(document, rival, Value::Null);
             let path = PARAMETERS.iter().find(|p| p.name == rival).map(|p| p.path);
             place(
                 document,
@@ -267,10 +267,10 @@ pub(crate) fn apply_option(
             );
         }
         if fixed {
-            document["randomize"][name] = Value::Null;
+            set_drawn(document, name, Value::Null);
             place(document, &format!("scenario.{}", parameter.path), value);
         } else {
-            document["randomize"][name] = value;
+            set_drawn(document, name, value);
         }
         return Ok(());
     }
@@ -302,6 +302,13 @@ pub(crate) fn apply_option(
             hint.join(", ")
         ),
     ))
+}
+
+/// Sets how a parameter is drawn. What is no table there is left, to be refused where it is read.
+fn set_drawn(document: &mut Value, name: &str, drawn: Value) {
+    if let Some(Value::Object(table)) = document.get_mut("randomize") {
+        table.insert(name.to_owned(), drawn);
+    }
 }
 
 /// Puts a value at a dotted path; objects are overlaid.

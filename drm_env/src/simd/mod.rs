@@ -20,6 +20,9 @@ pub(crate) mod x86;
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+use std::sync::OnceLock;
+
+use crate::error::ConfigError;
 
 pub use pack::Pack;
 
@@ -414,10 +417,48 @@ pub enum Instructions {
     Avx512,
 }
 
+/// Environment variable that names the widest instructions to be used, as [`Instructions::name`] says them in
+/// small letters; the results do not depend on it. Tests take it to enter the code of other processors.
+pub const INSTRUCTIONS_VARIABLE: &str = "DRM_ENV_INSTRUCTIONS";
+
 impl Instructions {
+    /// The widest that this processor has and [`INSTRUCTIONS_VARIABLE`] lets be used; asked once.
+    pub fn detect() -> Self {
+        static FOUND: OnceLock<Instructions> = OnceLock::new();
+        *FOUND.get_or_init(|| {
+            // who started the process is told of a wrong name by `wanted`
+            let most = Self::wanted().unwrap_or_default();
+            Self::of_processor().min(most.unwrap_or(Self::Avx512))
+        })
+    }
+
+    /// What [`INSTRUCTIONS_VARIABLE`] names, if it is set.
+    ///
+    /// # Errors
+    /// A name that no instructions have.
+    pub fn wanted() -> Result<Option<Self>, ConfigError> {
+        let Some(given) = std::env::var_os(INSTRUCTIONS_VARIABLE).filter(|name| !name.is_empty())
+        else {
+            return Ok(None);
+        };
+        let given = given.to_string_lossy();
+        let all = [Self::Baseline, Self::Avx2, Self::Avx512];
+        let named = all
+            .into_iter()
+            .find(|one| one.name().to_lowercase() == *given);
+        named.map(Some).ok_or_else(|| {
+            let names = all.map(|one| one.name().to_lowercase()).join(", ");
+            ConfigError::value(
+                INSTRUCTIONS_VARIABLE,
+                format!("must be one of {names}"),
+                given,
+            )
+        })
+    }
+
     /// The widest that this processor has.
     #[cfg(target_arch = "x86_64")]
-    pub fn detect() -> Self {
+    fn of_processor() -> Self {
         let fused = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
         let wide = is_x86_feature_detected!("avx512f")
             && is_x86_feature_detected!("avx512dq")
@@ -431,7 +472,7 @@ impl Instructions {
 
     /// The widest that this processor has.
     #[cfg(not(target_arch = "x86_64"))]
-    pub fn detect() -> Self {
+    fn of_processor() -> Self {
         Self::Baseline
     }
 

@@ -1,6 +1,6 @@
 //! One manoeuvre, as a page asks for it.
 
-use drm_env::config::{ValidConfig, law_from_json, scenario_from_json};
+use drm_env::config::{ValidConfig, law_from_json, scenario_from_json, typed};
 use drm_env::control::mlp::{Activation, Layer, Network, Output};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
@@ -17,7 +17,7 @@ pub const LENGTHS: usize = 17;
 pub const FREQUENCIES: usize = 2;
 
 /// What is to be flown, by whom.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
     /// Any part of a scenario.
@@ -35,7 +35,7 @@ pub struct Request {
 }
 
 /// A learned policy as its `policy.json` describes it.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Policy {
     /// Environment in which it acts.
@@ -81,8 +81,9 @@ pub struct Flown {
 /// # Errors
 /// Text that is no request, or a scenario, law or policy that cannot be used; with its path and value.
 pub fn fly(request: &str, weights: &[u8]) -> Result<Flown, Error> {
-    let request: Request =
+    let document: Value =
         serde_json::from_str(request).map_err(|e| ConfigError::form("request", e))?;
+    let request: Request = typed(&document).map_err(|e| e.within("request"))?;
     let scenario = scenario_from_json(&Value::Object(request.scenario).to_string())?;
     let seed = Seed::from_u64(request.seed);
     let flown = match (request.law, request.policy) {
@@ -135,9 +136,11 @@ fn network(policy: &Policy, weights: &[u8]) -> Result<Network, ConfigError> {
             return Err(ConfigError::value("policy.output", requirement, other));
         }
     };
-    let sizes = policy.layers.iter();
-    let needed: usize = sizes.map(|[rows, columns]| 4 * rows * (columns + 1)).sum();
-    if weights.len() != needed {
+    // sizes are a stranger's: their product may not be a number
+    let needed = policy.layers.iter().fold(0_u128, |sum, [rows, columns]| {
+        sum.saturating_add(4 * *rows as u128 * (*columns as u128 + 1))
+    });
+    if weights.len() as u128 != needed {
         let requirement = format!("must have {needed} bytes");
         return Err(ConfigError::value("weights", requirement, weights.len()));
     }

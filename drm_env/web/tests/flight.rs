@@ -101,11 +101,33 @@ fn what_cannot_be_flown_is_refused_in_the_engine_s_words() {
     assert!(unknown.contains("unknown field `speed`"), "{unknown}");
     let mut other = policy(&json!({}));
     other["policy"]["layers"] = json!([[2, 5]]);
-    let other = asked(&other).expect_err("the weights are others");
-    assert_eq!(other, "weights must have 48 bytes, got 288");
+    let refused = asked(&other).expect_err("the weights are others");
+    assert_eq!(refused, "weights must have 48 bytes, got 288");
+    other["policy"]["layers"] = json!([[usize::MAX, usize::MAX]]);
+    let huge = asked(&other).expect_err("nobody has such weights");
+    assert!(huge.starts_with("weights must have "), "{huge}");
     let horizon =
         asked(&policy(&json!({"scenario": {"horizon": 4.0}}))).expect_err("it is another");
     assert_eq!(horizon, "horizon must be 4, as in the policy's task, got 3");
+}
+
+/// Serde takes a list for a table, by position.
+#[test]
+fn a_list_is_no_table() {
+    let list = fly(r#"[{}, "none", null, 1, 0]"#, &[]).expect_err("it is a list");
+    assert!(
+        list.to_string()
+            .starts_with("request: must be a table of names and values"),
+        "{list}"
+    );
+    let inner =
+        asked(&json!({"policy": [{}, [[2, 35]], "tanh", "clip"]})).expect_err("it is a list");
+    assert!(
+        inner.starts_with("request.policy: must be a table"),
+        "{inner}"
+    );
+    let law = asked(&json!({"law": ["linear"]})).expect_err("it is a list");
+    assert!(law.starts_with("law: must be a table"), "{law}");
 }
 
 #[test]

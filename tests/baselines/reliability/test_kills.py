@@ -27,7 +27,7 @@ def soak() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize(("name", "kills"), [("tune", 2), ("reproduce", 2)])
+@pytest.mark.parametrize(("name", "kills"), [("tune", 2), ("reproduce", 2), ("sweep", 2)])
 def test_a_killed_command_ends_as_an_undisturbed_one(
     soak: ModuleType, tmp_path: Path, name: str, kills: int
 ) -> None:
@@ -56,3 +56,11 @@ def test_a_lost_result_is_seen(soak: ModuleType, tmp_path: Path) -> None:
         for fault in soak.attack(case, place, 2, random.Random(seed)).faults
     ]
     assert any("another result than undisturbed" in fault for fault in faults)
+
+
+def test_memory_stays_when_a_batch_is_stepped_long(soak: ModuleType) -> None:
+    found = soak.walk(2_000_000)
+    assert found.steps >= 2_000_000
+    assert found.episodes > 4 * soak.ENVIRONMENTS
+    assert found.growth <= soak.GROWTH
+    assert soak.Walk(1, 0, [1 << 20, 6 << 20, 1 << 20], 0.0).growth > soak.GROWTH
