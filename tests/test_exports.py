@@ -59,7 +59,7 @@ def test_linear_models_are_taken_by_scipy() -> None:
     lin = drm_env.Model(payload={"mass": 200.0}).linearize(4.0)
     system = signal.StateSpace(*lin.system)
     np.testing.assert_array_equal(system.A, lin.A)
-    np.testing.assert_array_equal(system.D, np.zeros((6, 3)))
+    np.testing.assert_array_equal(system.D, np.zeros((len(lin.outputs), 3)))
 
 
 def test_linear_models_are_taken_by_python_control() -> None:

@@ -105,7 +105,7 @@ SHORT = {
     "identification_slopes mission_legs observation_layout sample_period to_json",
     "Env": "action_size context get_state has_reset horizon_steps legs mission_report "
     "observation_size report scenario_json signals steps",
-    "Law": "control_period torque_limits", "Network": "inputs outputs",
+    "Law": "control_period needs_tip_rate torque_limits", "Network": "inputs outputs",
     "": "check_memory context_names distribution_names film_signals fine_scales instructions "
     "law_names load load_names measurement_names metric_names option_names_json palette "
     "panic_after_parts payload_inertias prescribed reward_names schema_json signal_names table_2_7 "
@@ -121,7 +121,7 @@ ONE_EPISODE = {
     "": "Painter Film",
     "Film": "frame magnification ranges widen",
     "Model": "acceleration angular_momentum energy linearize matrices mode_shapes "
-    "natural_frequencies",
+    "natural_frequencies spatial_modes",
 }
 
 

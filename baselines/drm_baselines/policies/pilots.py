@@ -284,8 +284,10 @@ def law_pilot(name: str) -> LawPilot:
     return LawPilot(name, law_data(name))
 
 
-class ShapedPilot(LawPilot):
+class ShapedPilot:
     """A law that flies every manoeuvre with its slew shaped: it ends later by the shaper's length.
+
+    Not a kind of :class:`LawPilot`: whoever flies its law alone flies another manoeuvre.
 
     Parameters
     ----------
@@ -297,16 +299,21 @@ class ShapedPilot(LawPilot):
         ``"zv"`` or ``"zvd"``.
     """
 
+    control_period = LAW_PERIOD
+
     def __init__(self, name: str, law: Mapping[str, Any], kind: str) -> None:
-        super().__init__(name, law)
+        self.name = name
         self.kind = kind
+        self._pilot = LawPilot(name, law)
 
     @property
     def details(self) -> Mapping[str, Any]:
         """Law and shaper."""
-        return {"law": dict(self.law), "slew_shaper": self.kind}
+        return {**self._pilot.details, "slew_shaper": self.kind}
 
     def _shaped(self, scenario: Mapping[str, Any]) -> dict[str, Any]:
+        if "mission" in scenario:
+            return {**scenario, "scenario": self._shaped(scenario.get("scenario", {}))}
         slew = dict(scenario.get("slew", {}))
         return {
             **scenario,
@@ -321,13 +328,14 @@ class ShapedPilot(LawPilot):
         progress: Progress | None = None,
     ) -> Metrics:
         """See :class:`Pilot`."""
-        return super().fly([self._shaped(each) for each in scenarios], seed=seed, progress=progress)
+        shaped = [self._shaped(each) for each in scenarios]
+        return self._pilot.fly(shaped, seed=seed, progress=progress)
 
     def trajectory(
         self, scenario: Mapping[str, Any], *, seed: int = 0, decimation: int = 1
     ) -> drm_env.Trajectory:
         """See :class:`Pilot`."""
-        return super().trajectory(self._shaped(scenario), seed=seed, decimation=decimation)
+        return self._pilot.trajectory(self._shaped(scenario), seed=seed, decimation=decimation)
 
 
 def shaped_pilot(name: str) -> ShapedPilot:

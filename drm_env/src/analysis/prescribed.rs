@@ -3,7 +3,8 @@
 use crate::config::scenario::ValidScenario;
 use crate::error::ConfigError;
 use crate::interruption;
-use crate::reference::shaping::{ShaperKind, largest_accel};
+use crate::reference::shaped::largest_accel;
+use crate::reference::shaping::ShaperKind;
 use crate::simulation::plan::Plan;
 
 /// Slew and deployment of a manoeuvre as they are planned.

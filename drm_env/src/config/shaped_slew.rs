@@ -10,7 +10,8 @@ use crate::plant::consistent::{ConsistentPlant, Kinematics, LowModes};
 use crate::plant::thesis_modes::elastic_frequencies;
 use crate::plant::{Dynamics, PlantModel};
 use crate::reference::deployment::DeploymentPiece;
-use crate::reference::shaping::{ShaperKind, shaped};
+use crate::reference::shaped::shaped;
+use crate::reference::shaping::ShaperKind;
 use crate::reference::slew::SlewPiece;
 
 /// Lengths at which the frequency is found; between them it is a polynomial.

@@ -3,6 +3,7 @@
 pub mod deployment;
 pub mod extension;
 pub mod series;
+pub mod shaped;
 pub mod shaping;
 pub mod slew;
 pub mod timeline;

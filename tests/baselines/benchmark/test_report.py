@@ -422,12 +422,12 @@ def test_readme_has_the_short_table_and_the_page_the_whole_one(tmp_path: Path) -
 
 def test_micrometres_are_not_shown_as_nothing() -> None:
     row = cells(tables.markdown_table(suite(level("bound", "bound", 0.001234))))[1]
-    assert row[4] == "0.00123 [0.00123, 0.00123]"
+    assert row[5] == "0.00123 [0.00123, 0.00123]"
 
 
 def test_metrics_that_a_record_lacks_are_dashes() -> None:
     row = cells(tables.markdown_table(suite(record("p", "law", [[1e-3] * 8]))))[1]
-    assert row[5:] == ["-"] * 6
+    assert row[6:] == ["-"] * 6
 
 
 def test_note_names_the_policy_with_fewer_episodes() -> None:

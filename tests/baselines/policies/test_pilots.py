@@ -20,6 +20,8 @@ from drm_baselines.benchmark.runner import fingerprint
 from drm_baselines.cli.application import app
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.contestants import Arena, contestant_named, contestant_of_pilot
+from drm_baselines.evaluation.environments import environment_config, scenarios_of
+from drm_baselines.evaluation.episodes import fly_pilot
 from drm_baselines.optimal_control.mpc import Receding, RecedingPilot, fly_one
 from drm_baselines.policies.gains import TUNED
 from drm_baselines.policies.names import (
@@ -216,3 +218,19 @@ def test_the_keys_of_the_records_that_there_are_stay(name: str) -> None:
             content["episodes"] = flown
         text = json.dumps(content, sort_keys=True, default=str)
         assert fingerprint(competitor, manoeuvres) == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize("name", names_of("shaped law"))
+def test_a_shaped_law_flies_its_shaped_slew_in_comparisons_too(name: str) -> None:
+    """Not the law alone: its slews end later, by the shaper, whoever asks for its flights."""
+    config = environment_config("drm_env/SlewFlexible-v0", {"horizon": 18.0})
+    options = {"env_id": "drm_env/SlewFlexible-v0", "seed": 5, "episodes": 2}
+    pilot = pilot_named(name)
+    compared = fly_pilot(pilot, config, label=name, **options)
+    alone = fly_pilot(pilot_named("servo"), config, label="servo", **options)
+    assert (compared.metrics["slew_end_time"] > alone.metrics["slew_end_time"] + 0.05).all()
+    direct = pilot.fly(scenarios_of("drm_env/SlewFlexible-v0", config, 5, 2), seed=5)
+    np.testing.assert_array_equal(compared.metrics["tip_error_rms"], direct["tip_error_rms"])
+    mission = {"mission": {"legs": [{"kind": "slew", "angle": 0.5}]}}
+    ends = [pilot_named(each).fly([mission])["slew_end_time"][0] for each in (name, "servo")]
+    assert ends[0] > ends[1]
