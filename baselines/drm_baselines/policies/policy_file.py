@@ -413,13 +413,13 @@ def _read_weights(path: Path, description: Mapping[str, Any]) -> dict[str, Array
 def load_policy(directory: str | Path) -> NetworkPolicy:
     """Load the exported policy of a run directory, from safetensors and JSON only.
 
+    A network with a memory is a :class:`drm_baselines.policies.recurrent.RecurrentPolicy`.
+
     Raises
     ------
     RunError
         No such directory, no exported policy, or files that are damaged, too large, links, or do
         not belong together. The message names file and reason; no network has been made.
-
-    A network with a memory is a :class:`drm_baselines.policies.recurrent.RecurrentPolicy`.
 
     Examples
     --------
