@@ -184,7 +184,9 @@ def _sweep_result(out: Path) -> Any:
     parts = sorted((out / "episodes").rglob("*.parquet"))
     tables = {str(path.relative_to(out)): pd.read_parquet(path) for path in parts}
     found = {name: table.to_dict("list") for name, table in tables.items()}
-    return repr(found), (out / "summary.json").read_text(), (out / "tip_error.png").is_file()
+    summary = json.loads((out / "summary.json").read_text())
+    del summary["provenance"]  # names the directory
+    return repr(found), summary, (out / "tip_error.png").is_file()
 
 
 CASES: Mapping[str, Case] = {

@@ -61,6 +61,6 @@ def test_a_lost_result_is_seen(soak: ModuleType, tmp_path: Path) -> None:
 def test_memory_stays_when_a_batch_is_stepped_long(soak: ModuleType) -> None:
     found = soak.walk(2_000_000)
     assert found.steps >= 2_000_000
-    assert found.episodes > 4 * soak.ENVIRONMENTS
+    assert found.episodes >= 4 * soak.ENVIRONMENTS
     assert found.growth <= soak.GROWTH
     assert soak.Walk(1, 0, [1 << 20, 6 << 20, 1 << 20], 0.0).growth > soak.GROWTH
