@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import drm_env
+from mission_doors import flown_at_every_door
 
 ID = "drm_env/Mission-v0"
 PLANTS = ("thesis", "consistent")
@@ -213,32 +214,7 @@ def test_every_door_flies_the_same_bits(plant: str) -> None:
     ]
     for content in missions:
         content["mission"]["replan"] = True
-    alone = [
-        drm_env.simulate(content, "servo", decimation=10, seed=seed)
-        for seed, content in enumerate(missions)
-    ]
-    for threads in (1, 2):
-        flown = drm_env.rollout(
-            missions, "servo", signals=list(alone[0]), decimation=10, num_threads=threads
-        )
-        for index, flight in enumerate(alone):
-            found = flown.trajectory(index)
-            assert repr(found.metrics) == repr(flight.metrics)
-            assert repr(found.legs) == repr(flight.legs)
-            for name, values in flight.items():
-                assert found[name].tobytes() == values.tobytes()
-    task = {"inner_law": "servo", "control_period": 0.1}
-    for index, content in enumerate(missions):
-        env = drm_env.DrmEnv(task="slew_thesis", config={**content, "task": task})
-        env.reset(seed=index)
-        done = False
-        while not done:
-            _, _, done, truncated, info = env.step([0.0, 0.0])
-            assert not truncated
-        last = env.signals()
-        for name in ("time", "slew_angle", "tip_deflection", "root_momentum", "extension"):
-            assert last[name] == alone[index][name][-1], name
-        assert not info["diverged"]
+    for env, info in flown_at_every_door(missions):
         paid = sum(sum(leg.reward.values()) for leg in env.legs)
         assert paid == pytest.approx(info["metrics/episode_return"])
         assert info["leg/3/effort"] == env.legs[2].reward["effort"]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.evaluation.environments import scenarios_of, task_of
+from drm_baselines.evaluation.first_episodes import first_episodes
 from drm_baselines.evaluation.records import Episodes
 from drm_baselines.policies.compatibility import check_period
 from drm_baselines.policies.law_policy import LawPolicy, Predictor
@@ -249,24 +250,13 @@ def _fly_chunk(
         if isinstance(policy, LawPolicy):
             policy = policy.acting_in(env)
         observations, _ = env.reset(seed=seed)
-        starts = np.ones(count, dtype=np.bool_)
-        finished = np.zeros(count, dtype=np.bool_)
-        metrics: dict[str, NDArray[np.float64]] = {}
-        state = None
-        while not finished.all():
-            actions, state = policy.predict(
-                observations, state=state, episode_start=starts, deterministic=True
-            )
-            observations, _, terminated, truncated, info = env.step(actions)
-            starts = terminated | truncated
-            # Sub-environments that ended early are reset and fly on; only their first episode
-            # counts, or short episodes would weigh more.
-            ended = starts & ~finished
-            if ended.any():
-                for name, values in drm_env.info_metrics(info).items():
-                    column = metrics.setdefault(name, np.full(count, np.nan))
-                    column[ended] = values[ended]
-                finished |= ended
-        return metrics
+        flies = policy
+        return first_episodes(
+            env,
+            observations,
+            lambda seen, state, starts: flies.predict(
+                seen, state=state, episode_start=starts, deterministic=True
+            ),
+        )
     finally:
         env.close()

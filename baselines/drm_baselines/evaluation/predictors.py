@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.errors import BaselineError, PolicyError
+from drm_baselines.evaluation.first_episodes import first_episodes
 from drm_baselines.policies.law_policy import Predictor
 from drm_baselines.policies.perceptron import NetworkPolicy
 from drm_baselines.policies.pilots import Metrics, NetworkPilot, Progress, details_of
@@ -155,21 +156,7 @@ class PredictorPilot:
         try:
             options = [dict(each) for each in own]
             observations, _ = env.reset(seed=list(seeds), options=options)
-            starts = np.ones(count, dtype=np.bool_)
-            finished = np.zeros(count, dtype=np.bool_)
-            metrics: dict[str, NDArray[np.float64]] = {}
-            state: Any = None
-            while not finished.all():
-                actions, state = self._asked(observations, state, starts)
-                observations, _, terminated, truncated, info = env.step(actions)
-                starts = terminated | truncated
-                ended = starts & ~finished
-                if ended.any():
-                    for name, values in drm_env.info_metrics(info).items():
-                        column = metrics.setdefault(name, np.full(count, np.nan))
-                        column[ended] = values[ended]
-                    finished |= ended
-            return metrics
+            return first_episodes(env, observations, self._asked)
         finally:
             env.close()
 

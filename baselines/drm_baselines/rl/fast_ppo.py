@@ -324,6 +324,8 @@ class FastPPO(PPO):
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
         remaining = self._current_progress_remaining
+        # as in the library's own train(): after its set-up these are schedules, and the
+        # optimizer is the Adam asked for above, which their declared types do not say
         clip: float = self.clip_range(remaining)  # type: ignore[operator]
         clip_vf: float | None = None
         if self.clip_range_vf is not None:

@@ -80,6 +80,14 @@ def _cutoff(wheel: str, start: float) -> Dimension:
     )
 
 
+_FILTERED_RATE = Dimension(
+    name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4, reason="as for linear",
+)  # fmt: skip
+_FILTERED_ANGLE = Dimension(
+    name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
+    reason="as for linear, and less where the rate may be fed back only a little",
+)  # fmt: skip
+
 GAINS: dict[str, tuple[Dimension, ...]] = {
     "linear": (
         Dimension(
@@ -172,14 +180,8 @@ GAINS: dict[str, tuple[Dimension, ...]] = {
         ),
     ),
     "linear_filtered": (
-        Dimension(
-            name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4,
-            reason="as for linear",
-        ),
-        Dimension(
-            name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
-            reason="as for linear, and less where the rate may be fed back only a little",
-        ),
+        _FILTERED_RATE,
+        _FILTERED_ANGLE,
         _cutoff("root", 3.0),
         Dimension(
             name="tip.rate_gain", unit="N s", low=1.0, high=5e4, start=50.0, reason="as for linear",
@@ -187,14 +189,8 @@ GAINS: dict[str, tuple[Dimension, ...]] = {
         _cutoff("tip", 10.0),
     ),
     "lyapunov_filtered": (
-        Dimension(
-            name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4,
-            reason="as for linear",
-        ),
-        Dimension(
-            name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
-            reason="as for linear_filtered",
-        ),
+        _FILTERED_RATE,
+        _FILTERED_ANGLE,
         Dimension(
             name="root.acceleration_gain", unit="1", low=1e-6, high=1.0, start=2e-4,
             reason="as for lyapunov",
@@ -206,14 +202,8 @@ GAINS: dict[str, tuple[Dimension, ...]] = {
         _cutoff("tip", 10.0),
     ),
     "linear_collocated": (
-        Dimension(
-            name="root.rate_gain", unit="N m s/rad", low=1e3, high=3e5, start=1e4,
-            reason="as for linear",
-        ),
-        Dimension(
-            name="root.angle_gain", unit="N m/rad", low=1e2, high=1e6, start=1e3,
-            reason="as for linear_filtered",
-        ),
+        _FILTERED_RATE,
+        _FILTERED_ANGLE,
         _cutoff("root", 3.0),
         Dimension(
             name="tip.turn_gain", unit="N m s/rad", low=1.0, high=1e5, start=300.0,

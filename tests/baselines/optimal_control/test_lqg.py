@@ -58,7 +58,9 @@ def test_it_holds_the_tip_where_the_open_loop_loses_it(scenarios: list[dict[str,
     flown = LqgPilot().fly(scenarios, seed=1)
     without = drm_env.rollout(scenarios, seed=1)
     assert (flown["tip_error_rms"] < 0.25 * without["tip_error_rms"]).all()
-    assert (np.abs(flown["final_slew_error"]) < 5e-3).all()
+    # what the misreported mass alone would leave, it takes away but for a tenth
+    left = np.abs(without["final_slew_error"]).max()
+    assert (np.abs(flown["final_slew_error"]) < 0.1 * left).all()
 
 
 def test_one_flight_is_that_of_many(scenarios: list[dict[str, Any]]) -> None:
