@@ -38,7 +38,7 @@ demo: $(ENGINE) ## fly laws and policies that learned, and show the result (few 
 test: $(READY) ## all tests: the Rust engine, then Python's quick tests, then its slow ones
 	cargo test --release --workspace
 	$(BIN)/python -m pytest -n auto -m "not slow"
-	$(BIN)/python -m pytest -m slow --durations=5 -v
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow --durations=5 -v
 
 .PHONY: soak
 soak: $(READY) ## what takes long: commands killed again and again, a hundred million steps, thousands of configurations
@@ -135,6 +135,7 @@ docs: $(READY) ## the documentation: site/docs/index.html (the notebooks run; th
 .PHONY: dist
 dist: $(LIGHT) ## wheels and source distributions in dist/, each tried in an empty environment
 	@test "$$(uname)" != Linux || $(BIN)/uv pip install --quiet --python $(BIN)/python ziglang==0.17.1
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python cyclonedx-bom==$$(awk -F '[= ]+' '/^cyclonedx-bom==/ { print $$2 }' requirements-dev.txt)
 	$(BIN)/python tools/dist.py
 
 .PHONY: clean

@@ -26,6 +26,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import sbom
+
 ROOT = Path(__file__).resolve().parent.parent
 LIBC = "manylinux_2_28"
 
@@ -122,6 +124,8 @@ def main() -> None:
         if compiled["bits"] != found["bits"]:
             raise SystemExit(f"bits of the wheel {found['bits']}, compiled here {compiled['bits']}")
         print(f"both fly the same bits: {found['bits'][:16]}")
+    for bill in sbom.write(out):
+        print(f"{bill.stat().st_size / 1e6:6.2f} MB  {bill.name}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 //! Anti-aliased lines, areas and text on a pixel map.
 
 use tiny_skia::{
-    Color, FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, Rect, Stroke, StrokeDash,
-    Transform,
+    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, PathSegment, Pixmap, Rect,
+    Stroke, StrokeDash, Transform,
 };
 
 use super::font::{self, Weight};
@@ -154,10 +154,92 @@ impl Canvas {
     }
 
     fn stroke(&mut self, builder: PathBuilder, stroke: &Stroke, tone: Tone) {
-        if let Some(path) = builder.finish() {
+        let Some(path) = builder.finish() else {
+            return;
+        };
+        if stroke.width > 1.0 {
             let transform = Transform::identity();
             self.pixmap
                 .stroke_path(&path, &paint(tone), stroke, transform, None);
+            return;
+        }
+        // The rasteriser starts its pipeline anew for each pixel of so thin a line, which took half of a
+        // picture's time.
+        let tone = Tone(tone.0, tone.1 * f64::from(stroke.width));
+        match &stroke.dash {
+            Some(dash) => {
+                if let Some(dashes) = path.dash(dash, 1.0) {
+                    self.hairlines(&dashes, tone);
+                }
+            }
+            None => self.hairlines(&path, tone),
+        }
+    }
+
+    /// The straight lines of a path, a pixel thick.
+    fn hairlines(&mut self, path: &Path, tone: Tone) {
+        let place = |point: tiny_skia::Point| (f64::from(point.x), f64::from(point.y));
+        let (mut first, mut last) = ((0.0, 0.0), (0.0, 0.0));
+        for segment in path.segments() {
+            let next = match segment {
+                PathSegment::MoveTo(point) => {
+                    first = place(point);
+                    last = first;
+                    continue;
+                }
+                PathSegment::LineTo(point)
+                | PathSegment::QuadTo(_, point)
+                | PathSegment::CubicTo(_, _, point) => place(point),
+                PathSegment::Close => first,
+            };
+            self.hairline(last, next, tone);
+            last = next;
+        }
+    }
+
+    /// A straight line that is a pixel thick along the axis that it is less inclined to: two pixels of each
+    /// column (or row), inked by what it covers of them.
+    fn hairline(&mut self, from: Point, to: Point, Tone(colour, opacity): Tone) {
+        let steep = (to.1 - from.1).abs() > (to.0 - from.0).abs();
+        let turned = |point: Point| if steep { (point.1, point.0) } else { point };
+        let [(x0, y0), (x1, y1)] = if turned(from).0 <= turned(to).0 {
+            [turned(from), turned(to)]
+        } else {
+            [turned(to), turned(from)]
+        };
+        if x0 >= x1 {
+            return;
+        }
+        let width = self.pixmap.width() as usize;
+        let size = [width, self.pixmap.height() as usize];
+        let [along, across] = if steep { [size[1], size[0]] } else { size };
+        let slope = (y1 - y0) / (x1 - x0);
+        let data = self.pixmap.data_mut();
+        for column in x0.max(0.0) as usize..(x1.ceil().max(0.0) as usize).min(along) {
+            let left = x0.max(column as f64);
+            let right = x1.min(column as f64 + 1.0);
+            // from a row above the picture on, so that casts round down; there is no instruction for `floor`
+            let top = y0 + slope * ((left + right) / 2.0 - x0) + 0.5;
+            if top < 0.0 {
+                continue;
+            }
+            let below = top as usize;
+            let ink = 255.0 * opacity * (right - left);
+            let part = top - below as f64;
+            for (row, share) in [(below, 1.0 - part), (below + 1, part)] {
+                // counted from 1 here
+                if row == 0 || row > across {
+                    continue;
+                }
+                let row = row - 1;
+                let place = if steep {
+                    column * width + row
+                } else {
+                    row * width + column
+                };
+                let share = (ink * share).min(255.0) + 0.5;
+                blend(&mut data[4 * place..4 * place + 3], colour, share as u32);
+            }
         }
     }
 

@@ -455,6 +455,40 @@ fn a_curve_covers_what_it_passes() {
 }
 
 #[test]
+fn a_thin_line_has_the_ink_of_its_length() {
+    // whole or dashed, at any angle, also where it leaves the picture: one pixel thick along its minor axis
+    let cases = [
+        ((10.3, 20.0), (80.6, 31.7), 70.3),
+        ((80.6, 31.7), (10.3, 20.0), 70.3),
+        ((10.0, 40.0), (15.0, 5.0), 35.0),
+        ((20.0, 20.5), (70.0, 20.5), 50.0),
+        ((20.5, 10.25), (20.5, 39.75), 29.5),
+        ((30.0, 10.0), (55.0, 35.0), 25.0),
+        ((-40.0, 25.0), (140.0, 25.0), 100.0),
+        ((50.0, -1e5), (50.0, 1e5), 50.0),
+        ((50.0, 70.0), (90.0, 60.0), 0.0),
+        ((12.0, 12.0), (12.0, 12.0), 0.0),
+    ];
+    for (from, to, length) in cases {
+        for (opacity, dash) in [(1.0, None), (0.5, None), (1.0, Some([2.0, 3.0]))] {
+            let mut canvas = canvas::Canvas::new(100, 50, [255; 3]).unwrap();
+            canvas.dashed(&[from, to], 1.0, canvas::Tone([0; 3], opacity), dash);
+            let ink: f64 = canvas
+                .to_rgb()
+                .iter()
+                .step_by(3)
+                .map(|value| (255.0 - f64::from(*value)) / 255.0)
+                .sum();
+            let (part, rest) = dash.map_or((1.0, 0.0), |[ink, gap]| (ink / (ink + gap), 1.5));
+            let expected = opacity * part * length;
+            // half a step of each pixel's 255, and a dash more or less
+            let most = 100.0 * 2.0 * 0.5 / 255.0 + rest;
+            assert!((ink - expected).abs() < most, "{from:?} {to:?} {ink}");
+        }
+    }
+}
+
+#[test]
 fn axes_end_at_round_numbers() {
     let decades = [
         (0.0, 0.0),
