@@ -61,7 +61,7 @@ FUZZ_SECONDS ?= 600
 fuzz: $(READY) ## feed engine and bindings with what libFuzzer makes up (docs/reliability.md)
 	for door in configuration text snapshot network actions; do \
 	  mkdir -p target/fuzz/found/$$door; \
-	  CARGO_TARGET_DIR=target/fuzz RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir drm_env/fuzz $$door \
+	  CARGO_TARGET_DIR=target/fuzz RUSTC_BOOTSTRAP=1 cargo fuzz run --sanitizer none --codegen-units 64 --fuzz-dir drm_env/fuzz $$door \
 	    target/fuzz/found/$$door drm_env/fuzz/corpus/$$door -- -max_total_time=$(FUZZ_SECONDS) \
 	    -timeout=20 -rss_limit_mb=2048 -max_len=4096 -dict=drm_env/fuzz/dictionary.txt; \
 	done

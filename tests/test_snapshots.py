@@ -142,6 +142,30 @@ def test_context_and_overrides_are_part_of_the_state() -> None:
     assert info["context/slew_angle"] == 0.6
 
 
+@pytest.mark.parametrize("plant", ["thesis", "consistent"])
+@pytest.mark.parametrize("beyond", [{"initial_beta": 5.0}, {"initial_slew_angle": 7.0}])
+def test_episodes_that_begin_beyond_the_equations_come_back(
+    plant: str, beyond: dict[str, float]
+) -> None:
+    # found by fuzzing: they end with their first step, and a snapshot before it was refused
+    options: Any = {"plant": plant, "horizon": 0.1, **beyond}
+    env, other = drm_env.DrmEnv(**options), drm_env.DrmEnv(**options)
+    env.reset(seed=7)
+    other.set_state(env.get_state())
+    action = np.array([0.5, -0.5], np.float32)
+    first, second = env.step(action), other.step(action)
+    assert first[1:4] == second[1:4] and first[2] and first[4]["diverged"]
+    assert other.get_state() == env.get_state()
+    vec, again = drm_env.DrmVectorEnv(3, **options), drm_env.DrmVectorEnv(3, **options)
+    vec.reset(seed=7)
+    for _ in range(3):
+        again.set_state(vec.get_state())
+        _, rewards, terminated, _, _ = vec.step(np.tile(action, (3, 1)))
+        assert (again.step(np.tile(action, (3, 1)))[1] == rewards).all()
+        assert terminated.all() == (rewards != 0.0).all()
+    assert again.get_state() == vec.get_state()
+
+
 def test_closed_environments_can_be_pickled() -> None:
     env = drm_env.DrmEnv()
     env.close()

@@ -31,8 +31,8 @@ impl Flight<f64> {
         }
     }
 
-    /// Replaces the state by one taken from a flight of the same plan; only a flight that is over may be
-    /// beyond the limits of [`crate::validity`].
+    /// Replaces the state by one taken from a flight of the same plan; only a flight that is over, or one that
+    /// the scenario lets begin there, may be beyond the limits of [`crate::validity`].
     ///
     /// # Errors
     /// A state of another plant, with other delays, or with numbers that no flight has; nothing has
@@ -67,7 +67,8 @@ impl Flight<f64> {
         next.manoeuvres[0].lines = state.lines;
         next.look_at_pieces();
         let void = next.void() != 0;
-        if void && !over {
+        // what begins there ends with its first sample
+        if void && !over && sample > 0.0 {
             return damaged("it holds a flight that is over");
         }
         if !next.body.owns(&next.motion, &clock.extension, !void) {
