@@ -70,6 +70,11 @@ CALLS = {
     "rollout of a callable law": (
         "drm_env.rollout([SLOW] * 4, lambda seen: np.zeros((4, 2)), law_period=1.0)"
     ),
+    "rollout of missions under a callable law": (
+        "drm_env.rollout([{'scenario': {**SLOW, 'horizon': 2100.0}, 'mission': {'legs': ["
+        "{'kind': 'slew', 'angle': 0.5, 'duration': 2000.0}]}}] * 4, "
+        "lambda seen: np.zeros((4, 2)), law_period=1.0)"
+    ),
     "rollout with loads": "drm_env.rollout([SLOW] * 4, 'linear', loads=True)",
     "rollout under torques": (
         "drm_env.rollout([SLOW] * 4, torques=np.ones((4, 3, 2)), signals=['alpha'], decimation=99)"

@@ -54,6 +54,34 @@ def test_closed_forms_of_the_thesis() -> None:
         assert flown["reference_accel"][0] == pytest.approx(factor * 0.6 / 100.0, rel=1e-14)
 
 
+@pytest.mark.parametrize("deploys", [False, True])
+def test_a_switch_on_a_sample_is_flown_alike_at_every_door(deploys: bool) -> None:
+    """The motor's torque changes its sign there, with the acceleration, and not a step later."""
+    scenario = slew("min_time", 0.0, angle=0.6, final_time=4.0)
+    scenario |= {"horizon": 4.9, "deployment": {"mode": "coincident" if deploys else "none"}}
+    alone = drm_env.simulate(scenario, "linear")
+    beside = drm_env.rollout([scenario] * 3, "linear", signals=list(alone))
+    asked = drm_env.simulate(scenario, lambda seen: np.zeros((len(seen), 2)), law_period=0.014)
+    open_loop = drm_env.simulate(scenario)
+    for name, values in alone.items():
+        assert beside.trajectories[name][1].tobytes() == values.tobytes(), name
+        assert asked[name].tobytes() == open_loop[name].tobytes(), name
+    env = drm_env.DrmEnv(
+        task="slew_thesis",
+        config={"scenario": scenario, "task": {"inner_law": "linear", "control_period": 0.014}},
+    )
+    env.reset(seed=0)
+    truncated = False
+    while not truncated:
+        *_, truncated, _ = env.step([0.0, 0.0])
+    for name in ("slew_angle", "tip_deflection", "root_momentum"):
+        assert env.signals()[name] == alone[name][-1], name
+    if not deploys:
+        torque = beside.trajectories["slew_torque"][1]
+        assert torque[999] == torque[0] > 0.0 > torque[1000] == -torque[0]
+        assert torque[2000] == 0.0
+
+
 def test_a_deployment_alone_takes_the_time() -> None:
     """A slew of no angle has a duration now."""
     flown = drm_env.simulate(slew("min_time", 0.0, angle=0.0, final_time=8.0))

@@ -12,14 +12,18 @@ use drm_env::env::Env;
 use drm_env::math::rng::Seed;
 use drm_env::plant::PlantModel;
 use drm_env::reference::series::Series;
-use drm_env::rollout::{Options, Pilot, Recording, SIGNAL_NAMES, fly_missions, fly_one_mission};
+use drm_env::reference::slew::SlewProfile;
+use drm_env::rollout::{
+    Options, Pilot, Recording, SIGNAL_NAMES, Schedule, TOLD, fly_missions, fly_missions_asked,
+    fly_one_mission,
+};
 use drm_env::simd::Instructions;
 use drm_env::simulation::LegRecord;
 use drm_env::{Error, Scenario};
 
 fn slew(angle: f64, extension: Option<f64>) -> Leg {
     Leg::Slew(SlewLeg {
-        angle,
+        angle: Some(angle),
         extension,
         max_accel: Some(0.2),
         smoothing: Some(0.1),
@@ -303,6 +307,18 @@ fn braked() -> Leg {
     })
 }
 
+/// A slew through 0.1 rad by a table that jumps, begins late and ends between two periods.
+fn tabled() -> Leg {
+    let series = |values: &[f64]| Series::new(values).expect("they are few");
+    Leg::Slew(SlewLeg {
+        profile: Some(SlewProfile::Table),
+        times: series(&[0.05, 1.05, 1.05, 2.05]),
+        accelerations: series(&[0.1, 0.1, -0.1, -0.1]),
+        extension: Some(2.5),
+        ..SlewLeg::default()
+    })
+}
+
 /// Missions of unequal legs, with noise, delays and real wheels.
 fn varied(plant: PlantModel) -> Vec<ValidMission> {
     (0..5)
@@ -326,9 +342,70 @@ fn varied(plant: PlantModel) -> Vec<ValidMission> {
                 // what vibrates when the shoulder is let go drifts away
                 scenario.dynamics.structural_damping = 5e-3;
             }
+            if i == 2 {
+                mission.legs.extend([tabled(), hold(0.2)]);
+            }
             flyable(&mission, scenario)
         })
         .collect()
+}
+
+/// Who is asked every seventh sample and answers with torques that are given beforehand flies their bits, over
+/// legs that begin between two questions.
+#[test]
+fn who_is_asked_flies_what_is_given_beforehand() {
+    const ROWS: usize = 300;
+    const HOLD: usize = 7;
+    for plant in both() {
+        let missions = varied(plant);
+        let seeds: Vec<Seed> = (0..missions.len() as u8)
+            .map(|i| Seed::from_le_bytes(&[i]))
+            .collect();
+        let torques: Vec<[f64; 2]> = (0..missions.len() * ROWS)
+            .map(|i| [40.0 * (0.1 * i as f64).sin(), 3.0 * (0.07 * i as f64).cos()])
+            .collect();
+        let recording = Recording::new(&SIGNAL_NAMES, 10).expect("they exist");
+        let options = Options {
+            threads: Some(1),
+            recording: Some(recording.clone()),
+            ..Options::default()
+        };
+        let schedule = Schedule {
+            torques: &torques,
+            rows: ROWS,
+            hold: HOLD,
+        };
+        let pilot = Pilot::schedule(schedule).expect("they are finite");
+        let given = fly_missions(&missions, &pilot, &seeds, &options, |_| true)
+            .expect("the missions can be flown");
+        let mut question = 0;
+        let mut answer = |told: &[[f64; TOLD]]| {
+            let row = question;
+            question += 1;
+            let of = |i: usize| torques.get(i * ROWS + row).copied().unwrap_or_default();
+            let kept = |i: usize| if row < ROWS { of(i) } else { [0.0; 2] };
+            Some((0..told.len()).map(kept).collect())
+        };
+        let flown = fly_missions_asked(
+            &missions,
+            &seeds,
+            Some(HOLD as f64 * 0.002),
+            Some(&recording),
+            &mut answer,
+            &mut |_| true,
+        )
+        .expect("the missions can be flown");
+        for (own, other) in flown.metrics.iter().zip(&given.metrics) {
+            assert_eq!(bits(&own.values()), bits(&other.values()));
+        }
+        assert_eq!(format!("{:?}", flown.legs), format!("{:?}", given.legs));
+        let kept = |flown: &drm_env::rollout::Flown| flown.trajectories.clone().expect("kept");
+        let (own, other) = (kept(&flown), kept(&given));
+        assert_eq!(own.samples, other.samples);
+        for ((name, own), (_, other)) in own.signals.iter().zip(&other.signals) {
+            assert_eq!(bits(own), bits(other), "{name}");
+        }
+    }
 }
 
 /// One at a time, side by side with any instructions and threads, and in an environment.
@@ -477,7 +554,7 @@ fn a_deployment_has_its_own_start() {
                 ..SlewLeg::default()
             }),
             Leg::Slew(SlewLeg {
-                angle: 0.1,
+                angle: Some(0.1),
                 extension: Some(2.5),
                 deployment: Some(drm_env::reference::deployment::DeploymentMode::ForceLimited),
                 deployment_start: 1.0,
@@ -562,10 +639,23 @@ fn impossible_legs_are_named() {
     let long = refused(vec![slew(0.1, Some(80.0))]);
     assert!(long.starts_with("mission.legs[0].deployment.end"), "{long}");
     let short = refused(vec![Leg::Slew(SlewLeg {
-        angle: 1.0,
+        angle: Some(1.0),
         duration: Some(0.5),
         ..SlewLeg::default()
     })]);
     assert!(short.starts_with("mission.legs[0].duration"), "{short}");
+    let Leg::Slew(table) = tabled() else {
+        panic!("it is a slew");
+    };
+    let wrong = refused(vec![Leg::Slew(SlewLeg {
+        angle: Some(0.2),
+        ..table
+    })]);
+    assert!(wrong.starts_with("mission.legs[0].angle"), "{wrong}");
+    let brakes = refused(vec![Leg::Slew(SlewLeg {
+        base: Some(Base::Locked),
+        ..table
+    })]);
+    assert!(brakes.starts_with("mission.legs[0].profile"), "{brakes}");
     assert!(refused(Vec::new()).starts_with("mission.legs"));
 }

@@ -633,16 +633,23 @@ class SlewLeg:
     """Slew, deployment or both."""
 
     kind: Literal["slew"] = "slew"
-    angle: float = 0.0
-    """Angle to slew through from where the leg begins, rad; 0 turns nothing."""
+    angle: float | None = None
+    """
+    Angle to slew through from where the leg begins, rad; 0 turns nothing. Null is 0, or what a table turns
+    through.
+    """
     extension: float | None = None
     """Length of link 2 outside link 1 at the end, m; null keeps the length."""
     max_accel: float | None = None
-    """Largest angular acceleration, rad/s^2; null is that of the scenario's slew."""
+    """Largest angular acceleration, rad/s^2; null is that of the scenario's slew. A table has none."""
     profile: SlewProfile | None = None
     """Family of the profile; null is that of the scenario's slew."""
     smoothing: float | None = None
-    """Smoothing fraction of the slew time; null is that of the scenario's slew."""
+    """Smoothing fraction of the slew time; null is that of the scenario's slew. A table has none."""
+    times: Sequence[float] = ()
+    """Times of a table, s after the leg's beginning, rising; at one that is given twice the acceleration jumps."""
+    accelerations: Sequence[float] = ()
+    """Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest."""
     deployment: DeploymentMode | None = None
     """How the length changes; null is coincident with the slew, and force limited without one."""
     force: float | None = None
@@ -652,7 +659,7 @@ class SlewLeg:
     duration: float | None = None
     """Duration, s, at least that of slew, deployment and the base's motion; null is theirs."""
     base: Literal["locked"] | TurnedBase | None = None
-    """What the base does; null is at rest with a free shoulder. With a locked shoulder the angle is 0."""
+    """What the base does; null is at rest with a free shoulder. With a locked shoulder there is no slew."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -772,12 +772,15 @@ def rollout_asked(
     every: SupportsIndex,
     loads: bool,
 ) -> tuple[
-    NDArray[float64],
-    list[tuple[str, NDArray[float64]]],
-    tuple[NDArray[float64], NDArray[float64]] | None,
+    tuple[
+        NDArray[float64],
+        list[tuple[str, NDArray[float64]]],
+        tuple[NDArray[float64], NDArray[float64]] | None,
+    ],
+    list[list[tuple[int, str, float, float, float, tuple[float, float], list[float], list[float]]]],
 ]:
     """
-    Flies many manoeuvres under a law that is called every `period` (s; without: every sample) with what it is
+    Flies many manoeuvres or missions under a law that is called every `period` (s; without: every sample) with what it is
     told of all of them, a row a manoeuvre, and returns torques of root and tip wheel (N m), a row a manoeuvre.
     What it or `progress` raises ends the work and is raised here. The rest as `rollout`.
     """

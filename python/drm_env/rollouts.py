@@ -308,13 +308,13 @@ def rollout(
     given = [engine_scenario(item, f"scenarios[{index}]") for index, item in enumerate(scenarios)]
     seeds = seeds_of(seed, len(given))
     if asked is not None:
-        rows, kept, measured = _engine.rollout_asked(
+        (rows, kept, measured), legs = _engine.rollout_asked(
             given, asked, period, seeds, progress, signals, decimation, loads
         )
-        return Rollout(metrics_of(rows, measured), dict(kept))
-    (rows, kept, measured), legs = _engine.rollout(
-        given, pilot, seeds, num_threads, progress, signals, decimation, loads
-    )
+    else:
+        (rows, kept, measured), legs = _engine.rollout(
+            given, pilot, seeds, num_threads, progress, signals, decimation, loads
+        )
     return Rollout(
         metrics_of(rows, measured), dict(kept), tuple(leg_records(flown) for flown in legs)
     )

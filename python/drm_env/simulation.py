@@ -175,7 +175,8 @@ def simulate(
         parameters, or a callable: it is given what is measured and known, shape (1, k) with the
         columns `ControlLaw.MEASUREMENTS`, and returns the torques of root and tip wheel, N m, shape
         (1, 2), which are held until it is called again. What it raises ends the flight and is
-        raised here.
+        raised here. In a mission the columns are told from the leg under way: errors and references
+        from its beginning, the payload as it is reported there.
     decimation
         keep every so many samples of the sample period, the first and the last included.
     seed
@@ -185,7 +186,7 @@ def simulate(
         largest magnitude, and ``<name>_rms``, the root mean square, of each over all samples.
     law_period
         time between two calls of a callable, s, a multiple of the sample period; ``None``: every
-        sample.
+        sample. It is counted from the beginning, of a mission too, wherever its legs begin.
 
     Returns
     -------
@@ -223,7 +224,7 @@ def simulate(
     period = check_period(law, law_period)
     if is_callable(law):
         names = [*_engine.signal_names(), *(_engine.load_names() if loads else ())]
-        rows, kept, measured = _engine.rollout_asked(
+        (rows, kept, measured), flown = _engine.rollout_asked(
             [engine_scenario(scenario)],
             AskedLaw(law, 1),
             period,
@@ -233,7 +234,8 @@ def simulate(
             decimation,
             loads,
         )
-        return trajectory_of(0, metrics_of(rows, measured), dict(kept))
+        records = leg_records(flown[0]) if flown else ()
+        return trajectory_of(0, metrics_of(rows, measured), dict(kept), records)
     signals, metrics, measured, legs = _engine.simulate(
         engine_scenario(scenario), law_json(law), decimation, first, loads
     )

@@ -49,14 +49,15 @@ def _pilot(name: str, *, law: bool) -> Pilot:
     Raises
     ------
     BaselineError
-        What has this name plans whole manoeuvres ahead, or is no law where one is needed.
+        What has this name flies single manoeuvres alone, or is no law where one is needed.
     """
     from drm_baselines.policies.names import find
     from drm_baselines.policies.pilots import pilot_named
 
     if find(name).kind in ("controller", "bound"):
         raise BaselineError(
-            f"--law {name} is no law: it plans a single manoeuvre ahead and cannot fly missions"
+            f"--law {name} is made for single manoeuvres and flies no missions; laws and learned "
+            "policies do"
         )
     pilot = pilot_named(name)
     if law and "law" not in pilot.details:

@@ -131,7 +131,8 @@ def plan(
         typer.Option(
             "--free",
             help="Beside the plan find the fastest free profile, no longer one of the thesis', "
-            "within the same limits.",
+            "within the same limits, of which one must be on acceleration, motor_torque or "
+            "motor_rate.",
         ),
     ] = False,
     cases: Annotated[
@@ -187,6 +188,10 @@ def plan(
     given = parse_limits(limits)
     if free:
         require("a free profile", "plan", "scipy")
+        from drm_baselines.planning.free import check_limits
+
+        # before anything is flown
+        check_limits(given)
     if out is not None:
         require("pictures of a plan (--out)", "plot")
         storage.claim_directory(out, force=force)

@@ -27,6 +27,7 @@ from drm_baselines.optimal_control.quadratic_program import (
     rms,
     torque_limits,
 )
+from drm_baselines.policies.pilots import refuse_missions
 from drm_baselines.support import cores
 from drm_env.constants import LAW_PERIOD, SIGNAL_NAMES
 
@@ -182,8 +183,9 @@ class BoundPilot:
         Raises
         ------
         BaselineError
-            A flight that diverged, with the scenario's place.
+            A flight that diverged, with the scenario's place; a mission.
         """
+        refuse_missions(self.name, scenarios)
         bounds = bounds_of(scenarios, progress=progress)
         found = {
             name: np.array([bound.metrics[name] for bound in bounds])
@@ -201,7 +203,8 @@ class BoundPilot:
         seed: int = 0,  # noqa: ARG002
         decimation: int = 1,
     ) -> drm_env.Trajectory:
-        """See :class:`drm_baselines.policies.pilots.Pilot`."""
+        """See :class:`drm_baselines.policies.pilots.Pilot`; missions are refused."""
+        refuse_missions(self.name, [scenario])
         torques = bound_of(scenario).torques
         return drm_env.rollout(
             [ideal(scenario)],

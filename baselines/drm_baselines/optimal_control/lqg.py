@@ -28,6 +28,7 @@ from scipy import linalg
 import drm_env
 from drm_baselines.errors import BaselineError
 from drm_baselines.optimal_control.quadratic_program import torque_limits
+from drm_baselines.policies.pilots import refuse_missions
 
 _Array = NDArray[np.float64]
 
@@ -443,7 +444,8 @@ class LqgPilot:
         seed: int | Sequence[int] = 0,
         progress: Any = None,
     ) -> dict[str, _Array]:
-        """See :class:`drm_baselines.policies.pilots.Pilot`."""
+        """See :class:`drm_baselines.policies.pilots.Pilot`; missions are refused."""
+        refuse_missions(self.name, scenarios)
         flown = drm_env.rollout(
             scenarios,
             law=self._asked(len(scenarios)),
@@ -456,7 +458,8 @@ class LqgPilot:
     def trajectory(
         self, scenario: Mapping[str, Any], *, seed: int = 0, decimation: int = 1
     ) -> drm_env.Trajectory:
-        """See :class:`drm_baselines.policies.pilots.Pilot`."""
+        """See :class:`drm_baselines.policies.pilots.Pilot`; missions are refused."""
+        refuse_missions(self.name, [scenario])
         return drm_env.simulate(
             scenario,
             law=self._asked(1),

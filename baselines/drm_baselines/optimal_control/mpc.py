@@ -22,6 +22,7 @@ from drm_baselines.errors import BaselineError
 from drm_baselines.optimal_control.kalman_filter import MEASURED, Observer, measurement_noise
 from drm_baselines.optimal_control.quadratic_program import Programme, closed_loop, torque_limits
 from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
+from drm_baselines.policies.pilots import refuse_missions
 from drm_baselines.support import cores
 from drm_baselines.support.processes import process_pool
 from drm_env.constants import LAW_PERIOD, LINK_END_DEFLECTION
@@ -493,7 +494,14 @@ class RecedingPilot:
         seed: int | Sequence[int] = 0,
         progress: Callable[[int, int], None] | None = None,
     ) -> dict[str, _Array]:
-        """See :class:`drm_baselines.policies.pilots.Pilot`, and :func:`fly_all` for errors."""
+        """See :class:`drm_baselines.policies.pilots.Pilot`, and :func:`fly_all` for errors.
+
+        Raises
+        ------
+        PolicyError
+            A mission among the scenarios.
+        """
+        refuse_missions(self.name, scenarios)
         seeds = range(seed, seed + len(scenarios)) if isinstance(seed, int) else seed
         return fly_all(scenarios, seeds=seeds, settings=self.settings, progress=progress)
 
@@ -504,7 +512,8 @@ class RecedingPilot:
         seed: int = 0,
         decimation: int = 1,  # noqa: ARG002
     ) -> drm_env.Trajectory:
-        """See :class:`drm_baselines.policies.pilots.Pilot`; a row a decision."""
+        """See :class:`drm_baselines.policies.pilots.Pilot`; a row a decision. No missions."""
+        refuse_missions(self.name, [scenario])
         rows: list[Mapping[str, float]] = []
         metrics = fly_one(scenario, seed, self.settings, rows.append)
         return drm_env.Trajectory(

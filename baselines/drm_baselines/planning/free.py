@@ -12,7 +12,7 @@ It is then flown, and stretched in time until the elastic arm keeps its limits, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +66,27 @@ class FreeProfile:
     scenario: dict[str, Any]
 
 
+_BOUNDING = ("acceleration", "motor_torque", "motor_rate")
+"""Limits of which one is needed: the others bound no slew of the rigid arm."""
+
+
+def check_limits(limits: Collection[str]) -> None:
+    """Refuse limits, by name, within which a rigid arm could turn as fast as it likes.
+
+    Raises
+    ------
+    BaselineError
+        None of them bounds the slew; the message says which do.
+    """
+    if not set(_BOUNDING) & set(limits):
+        given = f"got {', '.join(sorted(limits))} alone" if limits else "got no limit"
+        raise BaselineError(
+            "a free profile needs a limit on acceleration, motor_torque or motor_rate, "
+            f"{given}; add one of them, such as --limit motor_torque=900 "
+            "(in Python limits={'motor_torque': 900.0})"
+        )
+
+
 class _Programme:
     """The largest angle in a given time, for one manoeuvre."""
 
@@ -77,10 +98,7 @@ class _Programme:
             for name, limit in plan.limits.given().items()
             if name in _LIMITED
         }
-        if not {"acceleration", "motor_torque", "motor_rate"} & set(self.limits):
-            raise BaselineError(
-                "a free profile needs a limit on acceleration, motor_torque or motor_rate"
-            )
+        check_limits(plan.limits.given())
         intervals = KNOTS - 1
         self.u = np.linspace(0.0, 1.0, KNOTS)
         places = np.linspace(0.0, 1.0, intervals * _BETWEEN + 1)
@@ -236,8 +254,8 @@ def free_profile(plan: drm_env.SlewPlan) -> FreeProfile:
     Raises
     ------
     BaselineError
-        A manoeuvre without a slew, no limit that bounds one, or one that no slowness brings within
-        its limits.
+        A manoeuvre without a slew, no limit that bounds one (see :func:`check_limits`), or one that
+        no slowness brings within its limits.
     """
     angle = plan.scenario["slew"]["angle"]
     if angle == 0.0:

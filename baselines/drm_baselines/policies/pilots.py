@@ -11,7 +11,7 @@ which is imported when it is asked for: what plans ahead lives in a room above t
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Protocol
@@ -277,6 +277,21 @@ def shipped_run(name: str) -> Path:
     if not runs:
         raise PolicyError(f"no policy of {entry.name!r} comes with this package")
     return next(iter(runs.values()))
+
+
+def refuse_missions(name: str, scenarios: Iterable[Mapping[str, Any]]) -> None:
+    """Refuse missions to who is made for single manoeuvres.
+
+    Raises
+    ------
+    PolicyError
+        One of them is a mission.
+    """
+    if any("mission" in scenario for scenario in scenarios):
+        raise PolicyError(
+            f"{name!r} is made for single manoeuvres and flies no missions; laws and learned "
+            "policies do"
+        )
 
 
 def law_pilot(name: str) -> LawPilot:

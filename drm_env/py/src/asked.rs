@@ -1,23 +1,22 @@
-//! Manoeuvres under a law that is a Python callable.
+//! Manoeuvres and missions under a law that is a Python callable.
 
-use drm_env::error::ConfigError;
-use drm_env::interruption;
+use drm_env::error::Error;
 use drm_env::math::rng::Seed;
 use drm_env::rollout as flights;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::arrays::{Count, In2, Out2};
-use crate::config::Manoeuvre;
+use crate::config::{Flyables, LegRow, Manoeuvre, flyables};
 use crate::error::{Failure, Outcome, check_shape, detached};
-use crate::rollout::{Returned, recording, returned};
+use crate::rollout::{Returned, legs_of, recording, returned};
 
-/// Flies many manoeuvres under a law that is called every `period` (s; without: every sample) with what it is
+/// Flies many manoeuvres or missions under a law that is called every `period` (s; without: every sample) with what it is
 /// told of all of them, a row a manoeuvre, and returns torques of root and tip wheel (N m), a row a manoeuvre.
 /// What it or `progress` raises ends the work and is raised here. The rest as `rollout`.
 #[pyfunction]
 #[pyo3(signature = (scenarios, law, period, seeds, progress, signals, every, loads))]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
 pub(crate) fn rollout_asked<'py>(
     py: Python<'py>,
     scenarios: Vec<Manoeuvre>,
@@ -28,20 +27,13 @@ pub(crate) fn rollout_asked<'py>(
     signals: Option<Vec<String>>,
     every: Count,
     loads: bool,
-) -> Outcome<Returned<'py>> {
+) -> Outcome<(Returned<'py>, Vec<Vec<LegRow>>)> {
     let count = scenarios.len();
     let mut raised: Option<PyErr> = None;
     let mut raised_late: Option<PyErr> = None;
-    let result: Outcome<_> = detached(py, || {
+    let result = detached(py, || {
         let recording = recording(signals, every, loads)?;
-        let scenarios = scenarios
-            .iter()
-            .enumerate()
-            .map(|(i, manoeuvre)| {
-                interruption::poll();
-                manoeuvre.scenario(Some(&format!("scenarios[{i}]")))
-            })
-            .collect::<Result<Vec<_>, ConfigError>>()?;
+        let flown = flyables(&scenarios)?;
         let seeds: Vec<Seed> = seeds.iter().map(|seed| Seed::from_le_bytes(seed)).collect();
         let mut asked = |told: &[[f64; flights::TOLD]]| {
             let torques = Python::attach(|py| -> PyResult<Vec<[f64; 2]>> {
@@ -60,17 +52,36 @@ pub(crate) fn rollout_asked<'py>(
             let outcome = Python::attach(|py| callback.call1(py, (flown, count)).map(drop));
             outcome.map_err(|error| raised_late = Some(error)).is_ok()
         };
-        flights::fly_asked(
-            &scenarios,
-            &seeds,
-            period,
-            recording.as_ref(),
-            &mut asked,
-            &mut report,
-        )
+        let recording = recording.as_ref();
+        match flown {
+            Flyables::Scenarios(scenarios) => {
+                let flown = flights::fly_asked(
+                    &scenarios,
+                    &seeds,
+                    period,
+                    recording,
+                    &mut asked,
+                    &mut report,
+                )?;
+                Ok::<_, Error>((flown, Vec::new()))
+            }
+            Flyables::Missions(missions) => {
+                let flown = flights::fly_missions_asked(
+                    &missions,
+                    &seeds,
+                    period,
+                    recording,
+                    &mut asked,
+                    &mut report,
+                )?;
+                let legs = legs_of(&missions, &flown);
+                Ok((flown, legs))
+            }
+        }
     });
-    match raised.or(raised_late) {
-        Some(error) => Err(Failure::from(error)),
-        None => Ok(returned(py, count, result?)),
+    if let Some(error) = raised.or(raised_late) {
+        return Err(Failure::from(error));
     }
+    let (flown, legs) = result?;
+    Ok((returned(py, count, flown), legs))
 }

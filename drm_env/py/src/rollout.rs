@@ -1,6 +1,7 @@
 //! Many manoeuvres flown from end to end, and the networks that may fly them.
 
 use drm_env::config::law_from_json;
+use drm_env::config::mission::ValidMission;
 use drm_env::control::mlp::{Activation, Layer, Network as Engine, Output, Scratch};
 use drm_env::error::{ConfigError, Error};
 use drm_env::math::rng::Seed;
@@ -135,6 +136,13 @@ pub(crate) fn returned(py: Python<'_>, count: usize, flown: Flown) -> Returned<'
     (Out2::matrix(py, rows), kept, loads)
 }
 
+/// Legs of missions that have been flown, as Python takes them.
+pub(crate) fn legs_of(missions: &[ValidMission], flown: &Flown) -> Vec<Vec<LegRow>> {
+    let pairs = missions.iter().zip(&flown.legs);
+    let legs = pairs.map(|(mission, legs)| leg_rows(mission.mission(), legs));
+    legs.collect()
+}
+
 /// Flies many manoeuvres under a law (as JSON text), by a network in the task of a configuration, or
 /// under torques (N m; each row, of root and tip wheel, is held for so many samples): metrics, a row a manoeuvre, for each signal its values, a row a manoeuvre, every
 /// `every`-th sample, with `loads` their peaks and root mean squares, a row a manoeuvre each, and the legs of each mission. `progress(flown, all)` is called now and then; what it raises ends the work
@@ -208,9 +216,7 @@ pub(crate) fn rollout<'py>(
             }
             Flyables::Missions(missions) => {
                 let flown = flights::fly_missions(&missions, &pilot, &seeds, &options, report)?;
-                let pairs = missions.iter().zip(&flown.legs);
-                let legs = pairs.map(|(mission, legs)| leg_rows(mission.mission(), legs));
-                let legs = legs.collect();
+                let legs = legs_of(&missions, &flown);
                 Ok((flown, legs))
             }
         }

@@ -12,22 +12,28 @@ use crate::config::handling::{Base, LegHandling};
 use crate::config::scenario::{Initial, ReportedPayload, Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::reference::deployment::{Deployment, DeploymentMode};
+use crate::reference::series::Series;
 use crate::reference::slew::{Slew, SlewProfile};
 
 /// A slew, with or without a change of length, or a change of length alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlewLeg {
-    /// Angle to slew through from where the leg begins, rad; 0 turns nothing.
-    pub angle: f64,
+    /// Angle to slew through from where the leg begins, rad; 0 turns nothing. Null is 0, or what a table turns
+    /// through.
+    pub angle: Option<f64>,
     /// Length of link 2 outside link 1 at the end, m; null keeps the length.
     pub extension: Option<f64>,
-    /// Largest angular acceleration, rad/s^2; null is that of the scenario's slew.
+    /// Largest angular acceleration, rad/s^2; null is that of the scenario's slew. A table has none.
     pub max_accel: Option<f64>,
     /// Family of the profile; null is that of the scenario's slew.
     pub profile: Option<SlewProfile>,
-    /// Smoothing fraction of the slew time; null is that of the scenario's slew.
+    /// Smoothing fraction of the slew time; null is that of the scenario's slew. A table has none.
     pub smoothing: Option<f64>,
+    /// Times of a table, s after the leg's beginning, rising; at one that is given twice the acceleration jumps.
+    pub times: Series,
+    /// Accelerations at them, rad/s^2, with straight lines between; the arm must come to rest.
+    pub accelerations: Series,
     /// How the length changes; null is coincident with the slew, and force limited without one.
     pub deployment: Option<DeploymentMode>,
     /// Force of a force-limited change of length, N; null is that of the scenario's deployment.
@@ -36,7 +42,7 @@ pub struct SlewLeg {
     pub deployment_start: f64,
     /// Duration, s, at least that of slew, deployment and the base's motion; null is theirs.
     pub duration: Option<f64>,
-    /// What the base does; null is at rest with a free shoulder. With a locked shoulder the angle is 0.
+    /// What the base does; null is at rest with a free shoulder. With a locked shoulder there is no slew.
     pub base: Option<Base>,
 }
 
@@ -194,7 +200,7 @@ impl Default for Mission {
     fn default() -> Self {
         let turn = |degrees: f64, extension: f64| {
             Leg::Slew(SlewLeg {
-                angle: degrees.to_radians(),
+                angle: Some(degrees.to_radians()),
                 extension: Some(extension),
                 ..SlewLeg::default()
             })
@@ -222,6 +228,9 @@ const MOST_LEGS: usize = 100;
 
 /// Ends of a leg within so much of a period after a multiple of it are at that multiple.
 const ROUNDING: f64 = 1e-6;
+
+/// What the angle of a table may be stated wrong by, rad: more is no rounding.
+const SAME_ANGLE: f64 = 1e-6;
 
 /// What ends a leg before its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -278,10 +287,14 @@ impl PlannedLeg {
                 "must be \"locked\": only the base of a leg of known duration (slew or hold) turns";
             return Err(ConfigError::form("base", message));
         }
-        if base.is_locked() && self.scenario.slew.target() != 0.0 {
+        let slew = &self.scenario.slew;
+        if base.is_locked() && slew.profile == SlewProfile::Table {
+            let requirement = "must not be a table: the brakes hold the shoulder";
+            return Err(ConfigError::value("profile", requirement, "table"));
+        }
+        if base.is_locked() && slew.turns() {
             let requirement = "must be 0: the brakes hold the shoulder";
-            let angle = self.scenario.slew.target();
-            return Err(ConfigError::value("angle", requirement, angle));
+            return Err(ConfigError::value("angle", requirement, slew.angle));
         }
         self.handling.base = Some(base);
         Ok(self)
@@ -510,35 +523,22 @@ impl SlewLeg {
         extension: f64,
         held: Option<&GrappleLeg>,
     ) -> Result<PlannedLeg, ConfigError> {
-        finite("angle", self.angle)?;
         non_negative("deployment_start", self.deployment_start)?;
         if let Some(duration) = self.duration {
             positive("duration", duration)?;
         }
         let mut scenario = still(base, extension, held);
-        let slew = base.slew;
-        scenario.slew = Slew {
-            angle: self.angle,
-            max_accel: self.max_accel.unwrap_or(slew.max_accel),
-            profile: self.profile.unwrap_or(slew.profile),
-            smoothing: self.smoothing.unwrap_or(slew.smoothing),
-            final_time: None,
-            ..slew
-        };
-        if scenario.slew.profile == SlewProfile::Table {
-            let requirement = "must not be a table in a leg of a mission";
-            return Err(ConfigError::value("profile", requirement, "table"));
-        }
+        scenario.slew = self.slew(&base.slew)?;
         if let Some(end) = self.extension {
-            let alone = if self.angle == 0.0 {
-                DeploymentMode::ForceLimited
-            } else {
+            let usual = if scenario.slew.turns() {
                 DeploymentMode::Coincident
+            } else {
+                DeploymentMode::ForceLimited
             };
             scenario.deployment = Deployment {
                 start: extension,
                 end,
-                mode: self.deployment.unwrap_or(alone),
+                mode: self.deployment.unwrap_or(usual),
                 force: self.force.unwrap_or(base.deployment.force),
             };
         }
@@ -547,6 +547,47 @@ impl SlewLeg {
             ..of(scenario, self.duration, None)?
         };
         planned.with_base(self.base)
+    }
+
+    /// The leg's slew, where the scenario's is `common`.
+    fn slew(&self, common: &Slew) -> Result<Slew, ConfigError> {
+        let angle = self.angle.unwrap_or(0.0);
+        finite("angle", angle)?;
+        let mut slew = Slew {
+            angle,
+            max_accel: self.max_accel.unwrap_or(common.max_accel),
+            profile: self.profile.unwrap_or(common.profile),
+            smoothing: self.smoothing.unwrap_or(common.smoothing),
+            final_time: None,
+            times: self.times,
+            accelerations: self.accelerations,
+            ..*common
+        };
+        if slew.profile != SlewProfile::Table {
+            slew.refuse_entries()?;
+            return Ok(slew);
+        }
+        if self.profile.is_none() && self.times.values().is_empty() {
+            let requirement =
+                "must be given where the scenario's slew is a table: that is of no leg";
+            return Err(ConfigError::value("profile", requirement, "null"));
+        }
+        if let Some(max_accel) = self.max_accel {
+            let requirement = "must be null: a table has its own accelerations";
+            return Err(ConfigError::value("max_accel", requirement, max_accel));
+        }
+        // not that of the scenario's profile
+        slew.smoothing = self.smoothing.unwrap_or(0.0);
+        slew.validate()?;
+        slew.angle = slew.target();
+        if self.angle.is_some() && (angle - slew.angle).abs() > SAME_ANGLE {
+            let requirement = format!(
+                "must be left out or the {} rad that the table turns through",
+                slew.angle
+            );
+            return Err(ConfigError::value("angle", requirement, angle));
+        }
+        Ok(slew)
     }
 }
 
@@ -598,6 +639,12 @@ fn still(base: &Scenario, extension: f64, held: Option<&GrappleLeg>) -> Scenario
     let mut scenario = Scenario {
         slew: Slew {
             angle: 0.0,
+            profile: match base.slew.profile {
+                SlewProfile::Table => SlewProfile::default(),
+                other => other,
+            },
+            times: Series::default(),
+            accelerations: Series::default(),
             ..base.slew
         },
         deployment: Deployment {

@@ -107,15 +107,7 @@ impl Slew {
             SlewProfile::MinEnergy => 0.5,
             SlewProfile::Table => return self.validate_table(),
         };
-        for (name, series) in [
-            ("times", &self.times),
-            ("accelerations", &self.accelerations),
-        ] {
-            if !series.values().is_empty() {
-                let requirement = "must be empty: only the profile \"table\" has any";
-                return Err(ConfigError::value(name, requirement, format!("{series:?}")));
-            }
-        }
+        self.refuse_entries()?;
         if !(0.0..limit).contains(&self.smoothing) {
             return Err(ConfigError::value(
                 "smoothing",
@@ -145,6 +137,20 @@ impl Slew {
             "must be 0 or long enough to be computed with at this angle and acceleration",
             value,
         ))
+    }
+
+    /// Refuses the entries of a table, of which this profile is none.
+    pub(crate) fn refuse_entries(&self) -> Result<(), ConfigError> {
+        for (name, series) in [
+            ("times", &self.times),
+            ("accelerations", &self.accelerations),
+        ] {
+            if !series.values().is_empty() {
+                let requirement = "must be empty: only the profile \"table\" has any";
+                return Err(ConfigError::value(name, requirement, format!("{series:?}")));
+            }
+        }
+        Ok(())
     }
 
     fn validate_table(&self) -> Result<(), ConfigError> {
@@ -202,6 +208,11 @@ impl Slew {
             SlewProfile::Table => self.table_pieces().last().map_or(0.0, |piece| piece.angle),
             SlewProfile::MinTime | SlewProfile::MinEnergy => self.angle,
         }
+    }
+
+    /// Whether it turns at all: a table may come back to where it began.
+    pub(crate) fn turns(&self) -> bool {
+        self.profile == SlewProfile::Table || self.angle != 0.0
     }
 
     /// Angle over largest acceleration and square of the final time.

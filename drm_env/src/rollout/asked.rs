@@ -1,6 +1,7 @@
-//! Manoeuvres under a law that is somebody else's: asked for the torques of all of them at once, at its
-//! own period.
+//! Manoeuvres and missions under a law that is somebody else's: asked for the torques of all of them at once, at
+//! its own period.
 
+use crate::config::mission::ValidMission;
 use crate::config::scenario::ValidScenario;
 use crate::error::{ConfigError, Error, SimulationError};
 use crate::hardware::reaction_wheel::WheelTorques;
@@ -9,14 +10,15 @@ use crate::math::rng::Seed;
 use crate::memory;
 use crate::simd::Number;
 use crate::simd::dispatch::Vector;
+use crate::simulation::Flight;
 use crate::simulation::controller::Fly;
+use crate::simulation::course::Course;
 use crate::simulation::hook::{Hooked, StepHook};
-use crate::simulation::{Flight, Plan};
 
+use super::Flown;
 use super::law::{Given, LawController, Source};
-use super::queue::Ended;
+use super::place::{After, Ended, Place, begin};
 use super::recorder::{Recorder, Recording};
-use super::{Flown, noise};
 
 /// Numbers that a law is told of each manoeuvre.
 pub const TOLD: usize = 15;
@@ -61,35 +63,48 @@ impl<T: Number> Given<T> for Held {
     }
 }
 
-/// One manoeuvre.
+/// One manoeuvre or mission.
 struct Flying<'a> {
     flight: Flight<f64>,
-    /// Samples that are left, and those from one question to the next.
-    left: usize,
+    place: Place,
+    /// Samples from one question to the next.
     hold: usize,
     told: [f64; TOLD],
     recorder: Option<Recorder<'a>>,
-    ended: Option<Ended>,
+    ended: Option<Box<Ended>>,
 }
 
 impl<'a> Flying<'a> {
     fn new(
+        index: usize,
         scenario: &ValidScenario,
+        mission: Option<&ValidMission>,
         seed: Seed,
         hold: usize,
         recording: Option<&'a Recording>,
     ) -> Result<Self, ConfigError> {
-        let reported = scenario.reported()?;
-        let mut told = [0.0; TOLD];
-        told[SEEN..TOLD - 1].copy_from_slice(&[reported.mass, reported.length, reported.width]);
-        Ok(Self {
-            left: scenario.samples(),
+        let (flight, course) = begin(scenario, mission, seed)?;
+        let mut flying = Self {
+            place: Place::new(index, &flight, course),
+            flight,
             hold,
-            told,
+            told: [0.0; TOLD],
             recorder: recording.map(|recording| Recorder::new(recording, 1)),
-            flight: Flight::new(Plan::new(scenario)?, noise(seed))?,
             ended: None,
-        })
+        };
+        flying.hear()?;
+        Ok(flying)
+    }
+
+    /// Takes up what is reported of the payload, which stays as it is through a leg.
+    fn hear(&mut self) -> Result<(), ConfigError> {
+        let reported = self.flight.scenario().reported()?;
+        self.told[SEEN..TOLD - 1].copy_from_slice(&[
+            reported.mass,
+            reported.length,
+            reported.width,
+        ]);
+        Ok(())
     }
 
     /// Looks at the manoeuvre; what has ended stays as it was seen last.
@@ -114,35 +129,40 @@ impl<'a> Flying<'a> {
         self.told
     }
 
-    /// Flies on to the next question.
-    fn fly(&mut self, torques: [f64; 2]) {
-        if self.ended.is_some() {
-            return;
-        }
+    /// Flies on to the next question, over the ends of legs.
+    ///
+    /// # Errors
+    /// A payload that cannot be reported, which no mission has that has been checked.
+    fn fly(&mut self, torques: [f64; 2]) -> Result<(), ConfigError> {
         let mut held = Held(torques);
-        let mut controller = LawController::new(Source::Given(&mut held));
-        <f64 as Vector>::enter(Fly {
-            flight: &mut self.flight,
-            samples: self.left.min(self.hold),
-            controller: &mut Hooked {
-                controller: &mut controller,
-                hook: self
-                    .recorder
-                    .as_mut()
-                    .map(|recorder| recorder as &mut dyn StepHook<f64>),
-            },
-        });
-        let lost = controller.lost != 0;
-        self.left -= controller.flown;
-        if self.left == 0 || lost {
-            let recorder = self.recorder.as_mut();
-            let kept = recorder.map(|recorder| recorder.end(&self.flight, 0, false));
-            self.ended = Some(Ended {
-                metrics: self.flight.metrics(lost, 0.0),
-                kept: kept.unwrap_or_default(),
-                legs: Vec::new(),
+        let mut left = self.hold;
+        while left > 0 && self.ended.is_none() {
+            interruption::poll();
+            if let Some(recorder) = &mut self.recorder {
+                recorder.look_again();
+            }
+            let mut controller = LawController::new(Source::Given(&mut held));
+            <f64 as Vector>::enter(Fly {
+                flight: &mut self.flight,
+                samples: self.place.left.min(left),
+                controller: &mut Hooked {
+                    controller: &mut controller,
+                    hook: self
+                        .recorder
+                        .as_mut()
+                        .map(|recorder| recorder as &mut dyn StepHook<f64>),
+                },
             });
+            let (flown, lost) = (controller.flown, controller.lost != 0);
+            left -= flown;
+            let recorder = self.recorder.as_mut();
+            match self.place.flown(flown, lost, &mut self.flight, 0, recorder) {
+                After::Same => {}
+                After::NextLeg => self.hear()?,
+                After::Ended(ended) => self.ended = Some(ended),
+            }
         }
+        Ok(())
     }
 }
 
@@ -175,63 +195,139 @@ pub fn fly_asked(
     law: &mut Asked<'_>,
     progress: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Flown, Error> {
-    let count = scenarios.len();
-    if seeds.len() != count {
-        return Err(SimulationError::Length {
-            name: "seeds",
-            expected: count,
-            got: seeds.len(),
-        }
-        .into());
-    }
-    let each = size_of::<Flying<'_>>() as u128;
-    let less = "a smaller number";
-    memory::check("scenarios", count, count as u128 * each, None, less)?;
-    let mut flown = Flown::room(scenarios, None, recording)?;
-    let mut flying = Vec::with_capacity(count);
-    for (i, (scenario, seed)) in scenarios.iter().zip(seeds).enumerate() {
-        interruption::poll();
-        let hold = samples_in(period, scenario.sample_period)?;
-        let one = Flying::new(scenario, *seed, hold, recording);
-        flying.push(one.map_err(|e| e.within(&format!("scenarios[{i}]")))?);
-    }
-    let mut done = 0;
-    while done < count {
-        interruption::poll();
-        let told: Vec<_> = flying.iter_mut().map(Flying::look).collect();
-        let torques = law(&told).ok_or(SimulationError::Interrupted)?;
-        if torques.len() != count {
-            return Err(SimulationError::Length {
-                name: "law's torques",
-                expected: count,
-                got: torques.len(),
+    let given = Asking {
+        scenarios,
+        missions: None,
+        seeds,
+        period,
+        recording,
+    };
+    given.fly(law, progress)
+}
+
+/// [`fly_asked`] for missions: the law is told of the leg under way, its payload as it is reported there, and is
+/// asked every `period` from the mission's beginning on, wherever legs begin.
+///
+/// # Errors
+/// See [`fly_asked`]; and rows that are to be kept and do not fall on the legs' beginnings.
+pub fn fly_missions_asked(
+    missions: &[ValidMission],
+    seeds: &[Seed],
+    period: Option<f64>,
+    recording: Option<&Recording>,
+    law: &mut Asked<'_>,
+    progress: &mut dyn FnMut(usize) -> bool,
+) -> Result<Flown, Error> {
+    let scenarios: Vec<ValidScenario> = missions.iter().map(ValidMission::base).collect();
+    let given = Asking {
+        scenarios: &scenarios,
+        missions: Some(missions),
+        seeds,
+        period,
+        recording,
+    };
+    given.fly(law, progress)
+}
+
+/// What is flown under a law that is asked.
+struct Asking<'a> {
+    scenarios: &'a [ValidScenario],
+    /// Missions, each with the scenario in the same place; none are single manoeuvres.
+    missions: Option<&'a [ValidMission]>,
+    seeds: &'a [Seed],
+    period: Option<f64>,
+    recording: Option<&'a Recording>,
+}
+
+impl<'a> Asking<'a> {
+    fn fly(
+        &self,
+        law: &mut Asked<'_>,
+        progress: &mut dyn FnMut(usize) -> bool,
+    ) -> Result<Flown, Error> {
+        let (count, recording) = (self.scenarios.len(), self.recording);
+        self.check()?;
+        let mut flown = Flown::room(self.scenarios, self.missions, recording)?;
+        let mut flying = self.begin()?;
+        let mut done = 0;
+        while done < count {
+            interruption::poll();
+            let told: Vec<_> = flying.iter_mut().map(Flying::look).collect();
+            let torques = law(&told).ok_or(SimulationError::Interrupted)?;
+            check_torques(&flying, &torques)?;
+            for (one, torques) in flying.iter_mut().zip(torques) {
+                one.fly(torques)?;
             }
-            .into());
-        }
-        for (i, (one, torques)) in flying.iter().zip(&torques).enumerate() {
-            for (value, wheel) in torques.iter().zip(["root", "tip"]) {
-                if !value.is_finite() && one.ended.is_none() {
-                    let path = format!("the law's {wheel} torque of scenarios[{i}]");
-                    return Err(ConfigError::value(path, "must be finite", *value).into());
+            let ended = flying.iter().filter(|one| one.ended.is_some()).count();
+            if ended > done {
+                done = ended;
+                if !progress(done) {
+                    return Err(SimulationError::Interrupted.into());
                 }
             }
         }
-        for (one, torques) in flying.iter_mut().zip(torques) {
-            interruption::poll();
-            one.fly(torques);
+        for one in flying {
+            if let Some(ended) = one.ended {
+                flown.take(one.place.index, *ended);
+            }
         }
-        let ended = flying.iter().filter(|one| one.ended.is_some()).count();
-        if ended > done {
-            done = ended;
-            if !progress(done) {
-                return Err(SimulationError::Interrupted.into());
+        Ok(flown)
+    }
+
+    /// Refuses what does not go together, or does not fit into memory.
+    fn check(&self) -> Result<(), Error> {
+        let count = self.scenarios.len();
+        if self.seeds.len() != count {
+            return Err(SimulationError::Length {
+                name: "seeds",
+                expected: count,
+                got: self.seeds.len(),
+            }
+            .into());
+        }
+        if let (Some(recording), Some(missions)) = (self.recording, self.missions) {
+            recording.check_missions(missions)?;
+        }
+        let missions = self.missions.unwrap_or_default();
+        let courses: u128 = missions.iter().map(|mission| Course::bytes(mission)).sum();
+        let each = size_of::<Flying<'_>>() as u128;
+        let bytes = count as u128 * each + courses;
+        let less = "a smaller number";
+        memory::check("scenarios", count, bytes, None, less)?;
+        Ok(())
+    }
+
+    /// Everything that is flown, at its beginning.
+    fn begin(&self) -> Result<Vec<Flying<'a>>, ConfigError> {
+        let mut flying = Vec::with_capacity(self.scenarios.len());
+        for (i, (scenario, seed)) in self.scenarios.iter().zip(self.seeds).enumerate() {
+            interruption::poll();
+            let hold = samples_in(self.period, scenario.sample_period)?;
+            let mission = self.missions.map(|missions| &missions[i]);
+            let one = Flying::new(i, scenario, mission, *seed, hold, self.recording);
+            flying.push(one.map_err(|e| e.within(&format!("scenarios[{i}]")))?);
+        }
+        Ok(flying)
+    }
+}
+
+/// Refuses torques that are not finite or not as many as what is flown.
+fn check_torques(flying: &[Flying<'_>], torques: &[[f64; 2]]) -> Result<(), Error> {
+    if torques.len() != flying.len() {
+        return Err(SimulationError::Length {
+            name: "law's torques",
+            expected: flying.len(),
+            got: torques.len(),
+        }
+        .into());
+    }
+    for (i, (one, torques)) in flying.iter().zip(torques).enumerate() {
+        for (value, wheel) in torques.iter().zip(["root", "tip"]) {
+            if !value.is_finite() && one.ended.is_none() {
+                let path = format!("the law's {wheel} torque of scenarios[{i}]");
+                return Err(ConfigError::value(path, "must be finite", *value).into());
             }
         }
     }
-    for (index, one) in flying.into_iter().enumerate() {
-        if let Some(ended) = one.ended {
-            flown.take(index, ended);
-        }
-    }
-    Ok(flown)
+    Ok(())
 }

@@ -10,11 +10,11 @@ use crate::simd::mask::lanes_of;
 use crate::simulation::Flight;
 use crate::simulation::controller::Controller;
 use crate::simulation::controller::Fly;
-use crate::simulation::course::{Course, Turn};
 use crate::simulation::hook::{Hooked, StepHook};
 
-use super::queue::{Ended, Queue, Taken};
-use super::recorder::{Kept, Recorder};
+use super::place::{After, Place};
+use super::queue::{Queue, Taken};
+use super::recorder::Recorder;
 
 /// Samples between two looks at the lanes, unless one ends before.
 const SAMPLES_BETWEEN_LOOKS: usize = 256;
@@ -66,8 +66,7 @@ impl<T: Number> Given<T> for ScheduledTorques<'_> {
         } = self.schedule;
         for (lane, place) in self.lanes.iter().enumerate() {
             let Some(place) = place else { continue };
-            let before = place.course.as_ref().map_or(0, |course| course.before()) as usize;
-            let row = (before + flight.common.sample.lane(lane) as usize) / hold;
+            let row = (place.before() + flight.common.sample.lane(lane) as usize) / hold;
             if row < *rows {
                 let [root, tip] = given[place.index * rows + row];
                 torques.root.set_lane(lane, root);
@@ -111,22 +110,13 @@ pub(super) enum Commands<'a> {
     Schedule(Schedule<'a>),
 }
 
-/// A manoeuvre in one lane: its place in the list, the samples that are left of it or until its mission
-/// has to be asked, and its mission.
-#[derive(Clone)]
-pub(super) struct Place {
-    index: usize,
-    left: usize,
-    course: Option<Box<Course>>,
-}
-
 /// Flies manoeuvres side by side until there are no more: a lane that has ended takes the next one.
 pub(super) fn fly<T: Vector>(queue: &Queue<'_>, commands: &Commands<'_>) {
     let Some((index, first, course)) = queue.take() else {
         return;
     };
     let mut lanes: Vec<Option<Place>> = vec![None; T::WIDTH];
-    lanes[0] = Some(place(index, &first, course));
+    lanes[0] = Some(Place::new(index, &first, course));
     let mut flight = Flight::<T>::spread(&first);
     let mut recorder = queue.recorder(T::WIDTH);
     let mut more = true;
@@ -136,7 +126,7 @@ pub(super) fn fly<T: Vector>(queue: &Queue<'_>, commands: &Commands<'_>) {
                 match queue.take() {
                     None => more = false,
                     Some((index, next, course)) if flight.accepts(&next) => {
-                        *taken = Some(place(index, &next, course));
+                        *taken = Some(Place::new(index, &next, course));
                         flight.put(lane, &next);
                     }
                     Some(taken) => fly_alone(queue, taken, commands),
@@ -150,22 +140,10 @@ pub(super) fn fly<T: Vector>(queue: &Queue<'_>, commands: &Commands<'_>) {
     }
 }
 
-fn place(index: usize, flight: &Flight<f64>, course: Option<Box<Course>>) -> Place {
-    let left = match &course {
-        None => flight.scenario().samples(),
-        Some(course) => course.until_look(0) as usize,
-    };
-    Place {
-        index,
-        left,
-        course,
-    }
-}
-
 /// Flies one manoeuvre whose equations or samples are not those of the others.
 fn fly_alone(queue: &Queue<'_>, taken: Taken, commands: &Commands<'_>) {
     let (index, mut flight, course) = taken;
-    let mut lanes = [Some(place(index, &flight, course))];
+    let mut lanes = [Some(Place::new(index, &flight, course))];
     let mut recorder = queue.recorder(1);
     while lanes[0].is_some() && !queue.stopped() {
         leg(queue, commands, &mut flight, &mut lanes, recorder.as_mut());
@@ -212,49 +190,12 @@ fn leg<T: Vector>(
         let Some(place) = &mut lanes[lane] else {
             continue;
         };
-        place.left -= flown;
         let lost = lost_lanes >> lane & 1 == 1;
-        if place.left == 0 && !lost && place.goes_on(flight, lane) {
-            if let (Some(recorder), Some(course)) = (recorder.as_deref_mut(), &place.course) {
-                recorder.begin_leg(flight, lane, course.origin(flight.sample_period()));
-            }
-            continue;
-        }
-        let index = place.index;
-        if place.left == 0 || lost {
-            let kept = recorder
-                .as_deref_mut()
-                .map_or_else(Kept::default, |recorder| recorder.end(flight, lane, false));
-            let single = flight.one(lane);
-            let (metrics, legs) = match &place.course {
-                None => (single.metrics(lost, 0.0), Vec::new()),
-                Some(course) => (course.metrics(&single, lost), course.records(&single, lost)),
-            };
-            let ended = Ended {
-                metrics,
-                kept,
-                legs,
-            };
-            queue.send(index, Ok(ended));
+        let recorder = recorder.as_deref_mut();
+        if let After::Ended(ended) = place.flown(flown, lost, flight, lane, recorder) {
+            queue.send(place.index, Ok(*ended));
             lanes[lane] = None;
         }
-    }
-}
-
-impl Place {
-    /// Asks the mission, if it is one, after the samples that were left; whether it goes on, perhaps with
-    /// another leg in the lane.
-    fn goes_on<T: Number>(&mut self, flight: &mut Flight<T>, lane: usize) -> bool {
-        let Some(course) = &mut self.course else {
-            return false;
-        };
-        match course.look(&flight.one(lane)) {
-            Turn::Same => {}
-            Turn::Next(next) => flight.put(lane, &next),
-            Turn::Done => return false,
-        }
-        self.left = course.until_look(flight.common.sample.lane(lane) as u64) as usize;
-        true
     }
 }
 

@@ -6,6 +6,7 @@ mod asked;
 pub(crate) mod law;
 mod network;
 mod pilot;
+mod place;
 mod queue;
 mod recorder;
 mod trajectory;
@@ -27,9 +28,10 @@ use crate::simulation::LegRecord;
 use crate::simulation::loads::LoadMetrics;
 use crate::simulation::metrics::Metrics;
 
-use queue::{Ended, Queue};
+use place::Ended;
+use queue::Queue;
 
-pub use asked::{Asked, TOLD, TOLD_NAMES, fly_asked};
+pub use asked::{Asked, TOLD, TOLD_NAMES, fly_asked, fly_missions_asked};
 pub use law::Schedule;
 pub use pilot::Pilot;
 pub use recorder::{Recording, Trajectories, recordable};

@@ -17,7 +17,8 @@ use crate::simd::mask::lanes_of;
 use crate::simulation::Flight;
 use crate::simulation::hook::StepHook;
 
-use super::queue::{Ended, Queue, Taken};
+use super::place::Ended;
+use super::queue::{Queue, Taken};
 use super::recorder::{Kept, Recorder};
 
 /// A network and the task it flies.

@@ -7,20 +7,11 @@ use crate::config::mission::ValidMission;
 use crate::config::scenario::ValidScenario;
 use crate::error::Error;
 use crate::math::rng::Seed;
+use crate::simulation::Flight;
 use crate::simulation::course::Course;
-use crate::simulation::metrics::Metrics;
-use crate::simulation::{Flight, LegRecord, Plan};
 
-use super::noise;
-use super::recorder::{Kept, Recorder, Recording};
-
-/// What is known of a manoeuvre that has ended.
-pub(super) struct Ended {
-    pub(super) metrics: Metrics,
-    pub(super) kept: Kept,
-    /// Legs of a mission.
-    pub(super) legs: Vec<LegRecord>,
-}
+use super::place::{Ended, begin};
+use super::recorder::{Recorder, Recording};
 
 /// Place of a manoeuvre in the list, and its end or why it has none.
 pub(super) type Report = (usize, Result<Ended, Error>);
@@ -48,15 +39,8 @@ impl<'a> Queue<'a> {
             }
             let index = self.next.fetch_add(1, Ordering::Relaxed);
             let scenario = self.scenarios.get(index)?;
-            let noise = noise(self.seeds[index]);
-            let taken = match self.missions {
-                None => Plan::new(scenario)
-                    .and_then(|plan| Flight::new(plan, noise))
-                    .map(|flight| (flight, None)),
-                Some(missions) => Course::begin(missions[index].clone(), noise)
-                    .map(|(flight, course)| (flight, Some(Box::new(course)))),
-            };
-            match taken {
+            let mission = self.missions.map(|missions| &missions[index]);
+            match begin(scenario, mission, self.seeds[index]) {
                 Ok((flight, course)) => return Some((index, flight, course)),
                 Err(error) => {
                     let error = error.within(&format!("scenarios[{index}]"));

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Flight;
 use crate::arm::PayloadProperties;
-use crate::config::mission::{Ending, ValidMission};
+use crate::config::mission::{Ending, PlannedLeg, ValidMission};
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::{ConfigError, SnapshotError};
 use crate::math::rng::Stream;
@@ -146,6 +146,12 @@ impl Course {
         Ok((flight, course))
     }
 
+    /// Memory of the course of a mission, bytes, about, without what legs have in common.
+    pub(crate) fn bytes(mission: &ValidMission) -> u128 {
+        let each = size_of::<PlannedLeg>() + size_of::<LegRecord>();
+        (size_of::<Self>() + mission.legs().len() * each) as u128
+    }
+
     /// The mission.
     pub(crate) fn mission(&self) -> &ValidMission {
         &self.mission
@@ -220,7 +226,7 @@ impl Course {
             let scenario = &leg.scenario;
             let deployment = &scenario.deployment;
             let (from, to) = (deployment.start, deployment.final_extension());
-            if scenario.slew.angle == 0.0 && from == to {
+            if !scenario.slew.turns() && from == to {
                 continue;
             }
             let plan = Plan::of_leg(&leg.scenario, leg, self.mission.range());
@@ -237,7 +243,7 @@ impl Course {
                     plan.timeline.extension(time).length,
                 ));
             }
-            angle += scenario.slew.angle;
+            angle += scenario.slew.target();
         }
         (angle, path)
     }
@@ -466,7 +472,7 @@ impl Course {
                 return Err(damaged(&"it holds records of other legs"));
             }
             before += samples as u64;
-            angle += leg.scenario.slew.angle;
+            angle += leg.scenario.slew.target();
         }
         let sums = [state.learnt.error, state.learnt.weight];
         let believed = state

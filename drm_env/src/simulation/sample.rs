@@ -87,7 +87,10 @@ impl<T: Number> Flight<T> {
         }
 
         self.common.sample += one;
-        self.tick();
+        if self.tick() {
+            // what the last sample has left is of the piece before
+            carried.valid = false;
+        }
         self.body.look(&mut self.motion, &self.clock.extension);
         if !self.plain {
             self.sense();
@@ -300,9 +303,9 @@ impl<T: Number> Flight<T> {
         result
     }
 
-    /// Moves clock and pieces on to the present sample.
+    /// Moves clock and pieces on to the present sample; whether a piece has begun in any lane.
     #[inline(always)]
-    pub(super) fn tick(&mut self) {
+    pub(super) fn tick(&mut self) -> bool {
         let time = self.common.sample * self.shared.sample_period;
         let reached = T::splat(1.0) - (time + SAME_INSTANT).below(self.clock.piece_end);
         let switched = reached.bits() & !self.resting;
@@ -321,6 +324,7 @@ impl<T: Number> Flight<T> {
         self.clock.time = time;
         self.clock.reference = piece.reference(u);
         self.clock.extension = piece.extension(u);
+        switched != 0
     }
 
     /// Passes commands through the dead time of each lane that has one.

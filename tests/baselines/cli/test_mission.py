@@ -106,6 +106,10 @@ def test_what_is_no_mission_is_refused(tmp_path: Path, file: Path) -> None:
     result = drm_mission(path)
     assert result.exit_code == 2
     assert "no mission" in result.stderr
-    result = drm_mission(file, "--law", "receding")
+
+
+@pytest.mark.parametrize("name", ["receding", "lqg", "bound"])
+def test_who_plans_a_single_manoeuvre_ahead_is_refused(file: Path, name: str) -> None:
+    result = drm_mission(file, "--law", name)
     assert result.exit_code == 2
-    assert "no law" in result.stderr
+    assert f"{name} is made for single manoeuvres" in " ".join(result.stderr.split())

@@ -189,6 +189,8 @@ def test_another_arm_has_another_workspace() -> None:
         (("--arm", "link1_length=long"), "must be a number"),
         (("--arm", "link1_length=-2"), "link1.length"),
         (("--law", "magic"), "magic"),
+        (("--free",), "add one of them, such as --limit motor_torque=900"),
+        (("--free", "--limit", "deflection=0.05"), "motor_rate, got deflection alone"),
         (("--from", 9, 0, "--to", 9, 17, "--limit", "acceleration=1"), "beyond the outer edge"),
         (("--limit", "motor_torque=400", "--final-time", 9), "more than the 400 N m allowed"),
         (("--limit", "motor_torque=400", "--limit", "final_time=9"), "motor_torque (400 N m)"),

@@ -234,3 +234,15 @@ def test_a_shaped_law_flies_its_shaped_slew_in_comparisons_too(name: str) -> Non
     mission = {"mission": {"legs": [{"kind": "slew", "angle": 0.5}]}}
     ends = [pilot_named(each).fly([mission])["slew_end_time"][0] for each in (name, "servo")]
     assert ends[0] > ends[1]
+
+
+@pytest.mark.parametrize("name", names_of("controller", "bound"))
+def test_who_is_made_for_single_manoeuvres_refuses_missions(name: str) -> None:
+    """Before anything is planned, and by its own name."""
+    mission = {"mission": {"legs": [{"kind": "slew", "angle": 0.5}]}}
+    pilot = pilot_named(name)
+    message = f"'{name}' is made for single manoeuvres and flies no missions"
+    with pytest.raises(PolicyError, match=message):
+        pilot.fly([{}, mission])
+    with pytest.raises(PolicyError, match=message):
+        pilot.trajectory(mission)
