@@ -138,7 +138,8 @@ fn network(policy: &Policy, weights: &[u8]) -> Result<Network, ConfigError> {
     };
     // sizes are a stranger's: their product may not be a number
     let needed = policy.layers.iter().fold(0_u128, |sum, [rows, columns]| {
-        sum.saturating_add(4 * *rows as u128 * (*columns as u128 + 1))
+        let numbers = (*rows as u128).saturating_mul(*columns as u128 + 1);
+        sum.saturating_add(numbers.saturating_mul(4))
     });
     if weights.len() as u128 != needed {
         let requirement = format!("must have {needed} bytes");

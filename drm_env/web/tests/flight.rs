@@ -103,9 +103,17 @@ fn what_cannot_be_flown_is_refused_in_the_engine_s_words() {
     other["policy"]["layers"] = json!([[2, 5]]);
     let refused = asked(&other).expect_err("the weights are others");
     assert_eq!(refused, "weights must have 48 bytes, got 288");
-    other["policy"]["layers"] = json!([[usize::MAX, usize::MAX]]);
-    let huge = asked(&other).expect_err("nobody has such weights");
-    assert!(huge.starts_with("weights must have "), "{huge}");
+    // the second has 2^128 bytes, which is 0 where numbers wrap around, and those that are there
+    let half = 1_usize << 63;
+    let inputs = policy(&json!({}))["policy"]["layers"][0][1].clone();
+    for layers in [
+        json!([[usize::MAX, usize::MAX]]),
+        json!([[half, half - 1], [2, inputs]]),
+    ] {
+        other["policy"]["layers"] = layers;
+        let huge = asked(&other).expect_err("nobody has such weights");
+        assert!(huge.starts_with("weights must have "), "{huge}");
+    }
     let horizon =
         asked(&policy(&json!({"scenario": {"horizon": 4.0}}))).expect_err("it is another");
     assert_eq!(horizon, "horizon must be 4, as in the policy's task, got 3");
