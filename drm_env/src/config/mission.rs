@@ -138,6 +138,10 @@ pub struct GrappleLeg {
 pub struct ReleaseLeg {}
 
 /// A part of a mission; as data, `{"kind": "hold", ...}`.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a leg is copied with the tables that it holds, as a scenario is"
+)]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Leg {

@@ -289,7 +289,7 @@ impl<'a> Asking<'a> {
             recording.check_missions(missions)?;
         }
         let missions = self.missions.unwrap_or_default();
-        let courses: u128 = missions.iter().map(|mission| Course::bytes(mission)).sum();
+        let courses: u128 = missions.iter().map(Course::bytes).sum();
         let each = size_of::<Flying<'_>>() as u128;
         let bytes = count as u128 * each + courses;
         let less = "a smaller number";

@@ -85,7 +85,7 @@ impl Place {
         lost: bool,
         flight: &mut Flight<T>,
         lane: usize,
-        mut recorder: Option<&mut Recorder<'_>>,
+        recorder: Option<&mut Recorder<'_>>,
     ) -> After {
         self.left -= samples;
         if self.left != 0 && !lost {
@@ -108,9 +108,8 @@ impl Place {
                 return after;
             }
         }
-        let kept = recorder
-            .as_deref_mut()
-            .map_or_else(Kept::default, |recorder| recorder.end(flight, lane, false));
+        let kept =
+            recorder.map_or_else(Kept::default, |recorder| recorder.end(flight, lane, false));
         let single = flight.one(lane);
         let (metrics, legs) = match &self.course {
             None => (single.metrics(lost, 0.0), Vec::new()),
