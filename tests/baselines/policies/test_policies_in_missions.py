@@ -128,7 +128,7 @@ def test_the_command_flies_a_learned_policy(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output + result.stderr
     assert "hold" in result.stdout
     for arguments, words in (
-        (["--law", "receding"], "plans a single manoeuvre"),
+        (["--law", "receding"], "is made for single manoeuvres and flies no missions"),
         (["--law", "learned", "--replan"], "is no law"),
     ):
         refused = CliRunner().invoke(app, ["mission", str(path), *arguments])
