@@ -249,6 +249,27 @@ def test_what_cannot_be_flown_is_said_in_the_engine_s_words(browser: Any, lab: P
     visitor.leave()
 
 
+def test_an_address_that_is_typed_is_not_overwritten(browser: Any, lab: Path) -> None:
+    visitor = Visitor(browser, lab, "t=0")
+    page = visitor.page
+    # a change whose address is about to be written, and in that very moment another address
+    page.evaluate(
+        """() => {
+            location.hash = "t=0&mass=88";
+            return new Promise((done) => addEventListener("hashchange", () => {
+                const end = performance.now() + 400;
+                while (performance.now() < end);
+                location.hash = "t=0&mass=77";
+                done();
+            }, { once: true }));
+        }"""
+    )
+    page.wait_for_timeout(1000)
+    visitor.wait()
+    assert "mass=77" in page.evaluate("location.hash")
+    visitor.leave()
+
+
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 def test_a_phone_shows_everything_without_scrolling_sideways(
     browser: Any, lab: Path, scheme: str

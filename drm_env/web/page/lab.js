@@ -363,11 +363,15 @@ function update() {
   updates.forEach((change) => change());
 }
 
+let address = location.hash; // as it was taken up or written last
+
 function writeAddress() {
   clearTimeout(writeAddress.timer);
   writeAddress.timer = setTimeout(() => {
+    if (location.hash !== address) return; // another has been typed meanwhile, and will be taken up
     const text = writeHash({ ...state, t: Number(state.t.toFixed(2)) });
     if (location.hash.slice(1) !== text) history.replaceState(null, "", text ? `#${text}` : location.pathname + location.search);
+    address = location.hash;
   }, 150);
 }
 
@@ -458,7 +462,8 @@ async function begin() {
   find("close").onclick = () => find("lines").close();
   addEventListener("keydown", key);
   addEventListener("hashchange", () => {
-    state = readHash(location.hash);
+    address = location.hash;
+    state = readHash(address);
     update();
     fly();
   });
