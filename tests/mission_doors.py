@@ -1,4 +1,4 @@
-"""Missions flown at every door."""
+"""Legs of missions, and missions flown at every door."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import drm_env
+
+PLANTS = ("thesis", "consistent")
+
+
+def turn(angle: float, extension: float | None = None, **others: Any) -> dict[str, Any]:
+    """Return a short, smooth slew."""
+    leg = {"kind": "slew", "angle": angle, "max_accel": 0.2, "smoothing": 0.1, **others}
+    return leg if extension is None else {**leg, "extension": extension}
 
 
 def flown_at_every_door(

@@ -10,15 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 import drm_env
+from mission_doors import PLANTS, turn
 
 Array = NDArray[np.float64]
 COLUMNS = drm_env.ControlLaw.MEASUREMENTS
-PLANTS = ("thesis", "consistent")
-
-
-def turn(angle: float, extension: float | None = None, **others: Any) -> dict[str, Any]:
-    leg = {"kind": "slew", "angle": angle, "max_accel": 0.2, "smoothing": 0.1, **others}
-    return leg if extension is None else {**leg, "extension": extension}
 
 
 LEGS: list[dict[str, Any]] = [

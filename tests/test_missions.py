@@ -15,16 +15,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import drm_env
-from mission_doors import flown_at_every_door
+from mission_doors import PLANTS, flown_at_every_door, turn
 
 ID = "drm_env/Mission-v0"
-PLANTS = ("thesis", "consistent")
 PERIOD = 0.002
-
-
-def turn(angle: float, extension: float | None = None, **others: Any) -> dict[str, Any]:
-    leg = {"kind": "slew", "angle": angle, "max_accel": 0.2, "smoothing": 0.1, **others}
-    return leg if extension is None else {**leg, "extension": extension}
 
 
 PICK_AND_PLACE: list[dict[str, Any]] = [

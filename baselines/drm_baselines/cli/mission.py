@@ -52,13 +52,10 @@ def _pilot(name: str, *, law: bool) -> Pilot:
         What has this name flies single manoeuvres alone, or is no law where one is needed.
     """
     from drm_baselines.policies.names import find
-    from drm_baselines.policies.pilots import pilot_named
+    from drm_baselines.policies.pilots import SINGLE_ONLY, pilot_named
 
     if find(name).kind in ("controller", "bound"):
-        raise BaselineError(
-            f"--law {name} is made for single manoeuvres and flies no missions; laws and learned "
-            "policies do"
-        )
+        raise BaselineError(f"--law {name} {SINGLE_ONLY}")
     pilot = pilot_named(name)
     if law and "law" not in pilot.details:
         raise BaselineError(f"--law {name} is no law, and --replan compares laws")

@@ -279,6 +279,10 @@ def shipped_run(name: str) -> Path:
     return next(iter(runs.values()))
 
 
+SINGLE_ONLY = "is made for single manoeuvres and flies no missions; laws and learned policies do"
+"""What is said of who plans a whole manoeuvre ahead, where a mission is to be flown."""
+
+
 def refuse_missions(name: str, scenarios: Iterable[Mapping[str, Any]]) -> None:
     """Refuse missions to who is made for single manoeuvres.
 
@@ -288,10 +292,7 @@ def refuse_missions(name: str, scenarios: Iterable[Mapping[str, Any]]) -> None:
         One of them is a mission.
     """
     if any("mission" in scenario for scenario in scenarios):
-        raise PolicyError(
-            f"{name!r} is made for single manoeuvres and flies no missions; laws and learned "
-            "policies do"
-        )
+        raise PolicyError(f"{name!r} {SINGLE_ONLY}")
 
 
 def law_pilot(name: str) -> LawPilot:

@@ -176,24 +176,19 @@ impl Canvas {
         }
     }
 
-    /// The straight lines of a path, a pixel thick.
+    /// The straight lines of a path as [`trace`] makes it, a pixel thick.
     fn hairlines(&mut self, path: &Path, tone: Tone) {
         let place = |point: tiny_skia::Point| (f64::from(point.x), f64::from(point.y));
-        let (mut first, mut last) = ((0.0, 0.0), (0.0, 0.0));
+        let mut last = (0.0, 0.0);
         for segment in path.segments() {
-            let next = match segment {
-                PathSegment::MoveTo(point) => {
-                    first = place(point);
-                    last = first;
-                    continue;
+            match segment {
+                PathSegment::MoveTo(point) => last = place(point),
+                PathSegment::LineTo(point) => {
+                    self.hairline(last, place(point), tone);
+                    last = place(point);
                 }
-                PathSegment::LineTo(point)
-                | PathSegment::QuadTo(_, point)
-                | PathSegment::CubicTo(_, _, point) => place(point),
-                PathSegment::Close => first,
-            };
-            self.hairline(last, next, tone);
-            last = next;
+                _ => {}
+            }
         }
     }
 
