@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -219,3 +221,103 @@ def test_error_at_the_tip_is_the_slew_error_times_the_reach() -> None:
 def test_both_versions_of_a_task_fly_the_same_episodes(old: str) -> None:
     new = drm_env.sample_scenarios(f"{old}_v1", seed=7, n=20)
     assert new == drm_env.sample_scenarios(old, seed=7, n=20)
+
+
+
+def flown_with_estimate(**options: Any) -> tuple[dict[str, float], float]:
+    """Entries in their units and the time, after 4.5 s under a small steady action."""
+    env = drm_env.DrmEnv(observe_payload_estimate=True, **options)
+    layout = env.unwrapped.observation_layout
+    observation, _ = env.reset(seed=2)
+    for _ in range(450):
+        observation, *_ = env.step(np.array([0.1, -0.1], dtype=np.float32))
+    time = env.signals()["time"]
+    env.close()
+    return {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}, time
+
+
+@pytest.mark.parametrize("mass_error", [-0.15, -0.05, 0.0, 0.12])
+@pytest.mark.parametrize("profile", ["min_time", "min_energy"])
+def test_payload_estimate_is_the_error_of_the_report(mass_error: float, profile: str) -> None:
+    """The report is true (1 + e), the estimate of true / reported is 1 / (1 + e), vibration or not."""
+    value, _ = flown_with_estimate(mass_error=mass_error, payload_mass=300.0, slew_profile=profile)
+    expected = 1.0 / (1.0 + mass_error) - 1.0
+    assert value["estimated_mass_error"] == pytest.approx(expected, abs=0.02)
+
+
+def test_payload_estimate_begins_with_the_report() -> None:
+    env = drm_env.DrmEnv(observe_payload_estimate=True, observe_identified=True)
+    observation, _ = env.reset(seed=1)
+    layout = env.unwrapped.observation_layout
+    env.close()
+    value = {e.name: float(o) for e, o in zip(layout, observation, strict=True)}
+    names = [name for name in value if name.startswith(("estimated", "mean", "missing"))]
+    assert names == [
+        "estimated_mass_error", "mean_tip_rate", "mean_tip_rate_fine", "missing_torque",
+        *(f"missing_torque+{t:g}s" for t in (0.1, 0.25, 0.5, 1.0, 2.0)),
+    ]  # fmt: skip
+    assert not any(value[name] for name in names)
+
+
+def test_missing_torque_is_what_the_reported_payload_lacks_of_the_inverse_dynamics() -> None:
+    """Equation 3.2.1 of the thesis, for a thin rod that begins at the tip."""
+    times = [0.5, 4.0]
+    options: dict[str, Any] = {
+        "payload_mass": 300.0,
+        "mass_error": 0.12,
+        "payload_inertia": "slender",
+        "preview_times": times,
+        "slew_profile": "min_energy",
+    }
+    value, time = flown_with_estimate(**options)
+    mass, length = value["payload_mass"], value["payload_length"]
+    error = value["estimated_mass_error"]
+    assert abs(error) > 0.05
+
+    def moment(extension: float) -> float:
+        """The moment of inertia about the shoulder."""
+        near, far = 7.0 + extension, 7.0 + extension + length
+        return mass * (far**3 - near**3) / (3.0 * length)
+
+    course = drm_env.simulate(drm_env.resolve(**options).config.scenario)
+    for ahead in (0.0, *times):
+        suffix = f"+{ahead:g}s" if ahead else ""
+        momentum = [
+            moment(float(np.interp(at, course["time"], course["extension"])))
+            * float(np.interp(at, course["time"], course["reference_rate"]))
+            for at in (time + ahead - 0.01, time + ahead + 0.01)
+        ]
+        lacking = error * (momentum[1] - momentum[0]) / 0.02
+        assert value[f"missing_torque{suffix}"] == pytest.approx(lacking, rel=2e-3, abs=0.02)
+
+
+def test_mean_tip_rate_is_the_rate_of_the_error_without_the_vibration() -> None:
+    """Over the second half of a slew, its integral is how much the error at the tip has grown."""
+    env = drm_env.DrmEnv(
+        observe_payload_estimate=True, observe_tip_error=True, mass_error=0.1, payload_mass=200.0,
+        deployment_start=6.0, deployment_end=6.0,
+    )  # fmt: skip
+    layout = env.unwrapped.observation_layout
+    at = {entry.name: (i, entry.scale) for i, entry in enumerate(layout)}
+    observation, _ = env.reset(seed=2)
+    seen = []
+    for _ in range(800):
+        observation, *_ = env.step(np.array([0.2, 0.0], dtype=np.float32))
+        seen.append([
+            float(observation[at[name][0]]) * at[name][1]
+            for name in ("mean_tip_rate", "tip_error", "slew_error_rate", "mean_tip_rate_fine")
+        ])  # fmt: skip
+    env.close()
+    rate, error, slew_rate, fine = np.array(seen)[300:].T
+    grown = np.convolve(error, np.ones(50) / 50.0, "valid")
+    integral = 0.01 * np.convolve(np.cumsum(rate), np.ones(50) / 50.0, "valid")
+    assert abs(grown[-1] - grown[0]) > 0.1
+    assert integral[-1] - integral[0] == pytest.approx(grown[-1] - grown[0], rel=0.02)
+    # the measured rate shakes
+    assert np.ptp(rate) < 0.2 * np.ptp(13.0 * slew_rate)
+    assert fine == pytest.approx(np.arcsinh(rate / 0.01), rel=1e-5)
+
+
+def test_payload_estimate_needs_an_open_loop() -> None:
+    with pytest.raises(drm_env.ConfigError, match="observe_payload_estimate"):
+        drm_env.resolve("drm_env/SlewDirect-v0", observe_payload_estimate=True)

@@ -96,6 +96,7 @@ def options(draw: st.DrawFn, most: int = 6) -> dict[str, Any]:
     found["observation_history"] = draw(st.integers(1, 3))
     found["observe_identified"] = draw(st.booleans())
     found["observe_tip_error"] = draw(st.booleans())
+    found["observe_payload_estimate"] = draw(st.booleans())
     return found
 
 

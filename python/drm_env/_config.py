@@ -859,6 +859,13 @@ class Task:
     """
     observe_tip_error: bool = False
     """Whether the slew error taken to the tip is shown too, in metres."""
+    observe_payload_estimate: bool = False
+    """
+    Whether a running estimate of the error of the reported mass is shown, by the balance of angular
+    momentum since the beginning, and by it the rate of the error at the tip without the vibration, and
+    the torque that the payload takes beyond what the slew motor was told to give: now and at each
+    preview time. The slew must be open loop.
+    """
     observation_history: int = 1
     """Number of observations stacked, the newest last."""
     preview_times: Sequence[float] = (0.1, 0.25, 0.5, 1.0, 2.0)

@@ -88,13 +88,19 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     ``root_momentum``, ``tip_momentum`` (stored)           N m s      500, 50
     ``identified_mass_error`` (``observe_identified``)     1          0.1
     ``tip_error``, ``.._fine`` (``observe_tip_error``)     m          0.05, 2
+    ``estimated_mass_error`` (``.._payload_estimate``)     1          0.1
+    ``mean_tip_rate``, ``.._fine``, (with it)              m/s        0.05, 2
+    ``missing_torque`` (with it)                           N m        100
     ``reference_accel+0.1s``, ``extension+0.1s``, ...      rad/s^2,m  0.02, 8
     =====================================================  =========  ============
 
     The first four rows are measured, with the sensors' noise, resolution and delay; the rest is
     known. The payload is the reported one unless ``observe_payload`` says otherwise. The last row
-    previews each of ``preview_times``. ``tip_error`` is the slew error times the reach (x0 of its
-    fine entry is 10 mm). With ``observation_history`` = h > 1 the last h frames are stacked, older
+    previews each of ``preview_times``. ``estimated_mass_error`` is a running estimate that vibration
+    does not disturb. By it ``mean_tip_rate`` is the rate of the error at the tip as the arm's angular
+    momentum has it, and ``missing_torque`` what the payload takes beyond what the motor was told to
+    give; it is previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of
+    the fine entries is 10 mm and 10 mm/s). With ``observation_history`` = h > 1 the last h frames are stacked, older
     ones first, their names ending in ``@-1``, ``@-2``, ...
 
     Reward

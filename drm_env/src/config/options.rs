@@ -166,6 +166,12 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Whether the slew error taken to the tip is shown.",
     ),
     (
+        "observe_payload_estimate",
+        "task.observe_payload_estimate",
+        "-",
+        "Whether a running estimate of the payload is shown, and what follows from it.",
+    ),
+    (
         "observation_history",
         "task.observation_history",
         "-",

@@ -79,6 +79,11 @@ pub struct Task {
     pub observe_identified: bool,
     /// Whether the slew error taken to the tip is shown too, in metres.
     pub observe_tip_error: bool,
+    /// Whether a running estimate of the error of the reported mass is shown, by the balance of angular
+    /// momentum since the beginning, and by it the rate of the error at the tip without the vibration, and
+    /// the torque that the payload takes beyond what the slew motor was told to give: now and at each
+    /// preview time. The slew must be open loop.
+    pub observe_payload_estimate: bool,
     /// Number of observations stacked, the newest last.
     pub observation_history: usize,
     /// Times ahead at which the reference acceleration and the extension are shown, s.
@@ -100,6 +105,7 @@ impl Default for Task {
             observe_payload: ObservePayload::Reported,
             observe_identified: false,
             observe_tip_error: false,
+            observe_payload_estimate: false,
             observation_history: 1,
             preview_times: vec![0.1, 0.25, 0.5, 1.0, 2.0],
             reward: Reward::default(),
@@ -157,12 +163,17 @@ impl Task {
         if let Some(limit) = self.action_rate_limit {
             positive("action_rate_limit", limit)?;
         }
-        if self.observe_identified && self.actuators.contains(&Actuator::SlewMotor) {
-            return Err(ConfigError::value(
-                "observe_identified",
-                "must be false where the slew motor is the agent's: the momentum it gives is not known",
-                true,
-            ));
+        for (name, asked) in [
+            ("observe_identified", self.observe_identified),
+            ("observe_payload_estimate", self.observe_payload_estimate),
+        ] {
+            if asked && self.actuators.contains(&Actuator::SlewMotor) {
+                return Err(ConfigError::value(
+                    name,
+                    "must be false where the slew motor is the agent's: the momentum it gives is not known",
+                    true,
+                ));
+            }
         }
         if !(1..=100).contains(&self.observation_history) {
             return Err(ConfigError::value(

@@ -4,9 +4,10 @@
 use crate::config::scenario::Scenario;
 use crate::config::{EnvConfig, ObservePayload, Task};
 use crate::error::ConfigError;
-use crate::simd::Number;
+use crate::reference::Extension;
 use crate::simd::functions::asinh;
 use crate::simd::mask::lanes_of;
+use crate::simd::{Laned, Number};
 use crate::simulation::Flight;
 
 /// One entry of the observation.
@@ -70,6 +71,22 @@ const TIP_ERROR: [(&str, &str, f64); 2] = [("tip_error", "m", 0.05), ("tip_error
 /// Where the compressed error at the tip turns from linear to logarithmic, m.
 const TIP_ERROR_FINE: f64 = 0.01;
 
+/// Entries of the running estimate of the payload, if they are asked for: name, unit, scale. By it the rate of
+/// the error at the tip follows from the arm's angular momentum, without the vibration that the measured rate
+/// has.
+const ESTIMATED: [(&str, &str, f64); 3] = [
+    ("estimated_mass_error", "1", 0.1),
+    ("mean_tip_rate", "m/s", 0.05),
+    ("mean_tip_rate_fine", "-", 2.0),
+];
+
+/// Where the compressed rate of the error at the tip turns from linear to logarithmic, m/s.
+const MEAN_TIP_RATE_FINE: f64 = 0.01;
+
+/// What the payload takes by that estimate beyond what the motor was told to give, now and at each preview
+/// time: name, unit, scale.
+const MISSING: (&str, &str, f64) = ("missing_torque", "N m", 100.0);
+
 /// Entries of each preview time: name, unit, scale.
 const PREVIEW: [(&str, &str, f64); 2] = [
     ("reference_accel", "rad/s^2", 0.02),
@@ -100,9 +117,19 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
             frame.push((name.to_owned(), unit, scale));
         }
     }
+    let (missing, newton_metres, torque) = MISSING;
+    if task.observe_payload_estimate {
+        for (name, unit, scale) in ESTIMATED {
+            frame.push((name.to_owned(), unit, scale));
+        }
+        frame.push((missing.to_owned(), newton_metres, torque));
+    }
     for time in &task.preview_times {
         for (name, unit, scale) in PREVIEW {
             frame.push((format!("{name}+{time}s"), unit, scale));
+        }
+        if task.observe_payload_estimate {
+            frame.push((format!("{missing}+{time}s"), newton_metres, torque));
         }
     }
     (0..task.observation_history)
@@ -129,7 +156,10 @@ pub fn frame_size(task: &Task) -> usize {
     } else {
         0
     };
-    FIXED.len() + MOMENTUM.len() + identified + tip_error + PREVIEW.len() * task.preview_times.len()
+    let missing = usize::from(task.observe_payload_estimate);
+    let estimated = (ESTIMATED.len() + 1) * missing;
+    let preview = (PREVIEW.len() + missing) * task.preview_times.len();
+    FIXED.len() + MOMENTUM.len() + identified + tip_error + estimated + preview
 }
 
 /// What is told of the payload: its mass (kg), length and width (m).
@@ -203,6 +233,18 @@ pub(crate) fn observe<'a, T: Number>(
     } else {
         T::splat(0.0)
     };
+    let missing = task.observe_payload_estimate;
+    let [error, mean_rate] = if missing {
+        let [error, rate] = flight.estimate();
+        [error, flight.reach() * (rate - reference.rate)]
+    } else {
+        [T::splat(0.0); 2]
+    };
+    let mean_rate_fine = if missing {
+        asinh(mean_rate * (1.0 / MEAN_TIP_RATE_FINE))
+    } else {
+        T::splat(0.0)
+    };
     let tip_error = if task.observe_tip_error {
         let error = flight.reach() * measurement.slew_error;
         [error, asinh(error * (1.0 / TIP_ERROR_FINE))]
@@ -228,11 +270,34 @@ pub(crate) fn observe<'a, T: Number>(
             }
             preview = rest;
         }
+        let scaled = |value: f64, scale: f64| {
+            (value * (1.0 / scale)).clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32
+        };
+        let (error, payload) = (error.lane(lane), flight.reported_share(lane));
+        // what the payload takes beyond what the motor was told to give for it
+        let lacking = |extension: &Extension<f64>, rate: f64, accel: f64| {
+            scaled(
+                error * payload.wanted_torque(extension, rate, accel),
+                MISSING.2,
+            )
+        };
+        if missing {
+            let extension = extension.lane_of(lane);
+            let (rate, accel) = (reference.rate.lane(lane), reference.accel.lane(lane));
+            let (entries, rest) = preview.split_at_mut(ESTIMATED.len() + 1);
+            let told = [error, mean_rate.lane(lane), mean_rate_fine.lane(lane)];
+            for ((entry, value), (_, _, scale)) in entries.iter_mut().zip(told).zip(ESTIMATED) {
+                *entry = scaled(value, scale);
+            }
+            entries[ESTIMATED.len()] = lacking(&extension, rate, accel);
+            preview = rest;
+        }
         let timeline = flight.timeline_of(lane);
         let now = clock.time.lane(lane);
         let mut index = flight.piece_of(lane);
         let mut last = 0.0;
-        for (pair, ahead) in preview.chunks_exact_mut(2).zip(&task.preview_times) {
+        let entries = PREVIEW.len() + usize::from(missing);
+        for (group, ahead) in preview.chunks_exact_mut(entries).zip(&task.preview_times) {
             if *ahead < last {
                 index = flight.piece_of(lane);
             }
@@ -240,10 +305,13 @@ pub(crate) fn observe<'a, T: Number>(
             index = timeline.index_from(index, now + ahead);
             let piece = timeline.piece(index);
             let u = (now + ahead - piece.start).max(0.0);
-            let then = [piece.motion(u).0, piece.extension(u).length];
-            for ((entry, value), (_, _, scale)) in pair.iter_mut().zip(then).zip(PREVIEW) {
-                let scaled = (value * (1.0 / scale)).clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT);
-                *entry = scaled as f32;
+            let ((accel, rate), extension) = (piece.motion(u), piece.extension(u));
+            let then = [accel, extension.length];
+            for ((entry, value), (_, _, scale)) in group.iter_mut().zip(then).zip(PREVIEW) {
+                *entry = scaled(value, scale);
+            }
+            if let Some(entry) = group.get_mut(PREVIEW.len()) {
+                *entry = lacking(&extension, rate, accel);
             }
         }
     }

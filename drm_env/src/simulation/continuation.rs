@@ -4,6 +4,7 @@ use super::Flight;
 use crate::control::LawMemory;
 use crate::math::rng::{Purpose, Seed, Stream};
 use crate::simulation::any_plant::AnyPlant;
+use crate::simulation::identification::Balance;
 use crate::simulation::metrics::Accumulator;
 use crate::simulation::plan::Plan;
 use crate::simulation::state::LaneState;
@@ -62,6 +63,7 @@ impl Flight<f64> {
             sample: 0.0,
             memory,
             metrics: Accumulator::new(direction * outputs.slew[0], outputs.tip[0]),
+            balance: Balance::fresh(),
             ..self.common
         };
         next.effort = self.effort;

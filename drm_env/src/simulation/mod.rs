@@ -32,8 +32,9 @@ use crate::config::scenario::Scenario;
 use crate::control::Measurement;
 use crate::hardware::reaction_wheel::WheelTorques;
 use crate::hardware::sensors::OUTPUTS;
+use crate::plant::RigidInertia;
 use crate::reference::timeline::Timeline;
-use crate::simd::Number;
+use crate::simd::{Laned, Number};
 use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::{LaneConstants, SharedConstants};
@@ -176,6 +177,14 @@ impl<T: Number> Flight<T> {
     /// the arm hardly turns and without a reported payload.
     #[inline(always)]
     pub(crate) fn identified_mass_error(&self) -> T {
+        let [rate, momentum, reported, payload] = self.momentum_balance();
+        mass_error(momentum, rate, reported, payload)
+    }
+
+    /// Measured slew rate (rad/s), angular momentum of the arm (N m s), reported moments of inertia (kg m^2) of
+    /// arm and payload and of the payload alone.
+    #[inline(always)]
+    fn momentum_balance(&self) -> [T; 4] {
         let a = self.clock.extension.length;
         let [_, rate, ..] = self.measured();
         let reported = self.fixed.inertia.at(a);
@@ -183,7 +192,31 @@ impl<T: Number> Flight<T> {
         let stored = self.common.root.momentum - self.fixed.stored;
         let wheels = stored + self.common.tip.momentum;
         let momentum = reported.mul_add(self.clock.reference.rate, -wheels);
-        mass_error(momentum, rate, reported, payload)
+        [rate, momentum, reported, payload]
+    }
+
+    /// Takes what the balance of angular momentum tells of the payload now.
+    #[inline(always)]
+    pub(super) fn hear(&mut self) {
+        let [rate, momentum, reported, payload] = self.momentum_balance();
+        let rates = [self.clock.reference.rate, rate];
+        let seconds = self.shared.sample_period;
+        let balance = &mut self.common.balance;
+        balance.hear(seconds, rates, momentum, reported, payload);
+    }
+
+    /// The error of the reported mass, true / reported - 1, as the balance of angular momentum has told it since
+    /// the beginning of the flight or leg, and the rate of the arm as a whole by it, rad/s.
+    #[inline(always)]
+    pub(crate) fn estimate(&self) -> [T; 2] {
+        let [_, momentum, reported, payload] = self.momentum_balance();
+        let error = self.common.balance.error(payload);
+        [error, momentum / error.mul_add(payload, reported)]
+    }
+
+    /// The reported payload's share of a lane's moment of inertia.
+    pub(crate) fn reported_share(&self, lane: usize) -> RigidInertia<f64> {
+        self.fixed.payload_inertia.lane_of(lane)
     }
 
     /// What a law is told now, but for [`Measurement::tip_turn_rate`], which is zero: few laws want it.

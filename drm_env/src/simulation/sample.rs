@@ -95,6 +95,7 @@ impl<T: Number> Flight<T> {
         if !self.plain {
             self.sense();
         }
+        self.hear();
         let outputs = self.outputs();
 
         let of_root = root_torque * self.fixed.root.per_torque;

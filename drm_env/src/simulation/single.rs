@@ -16,6 +16,7 @@ use crate::simulation::any_plant::{AnyPlant, Motion, Outputs};
 use crate::simulation::clock::Clock;
 use crate::simulation::constants::{LaneConstants, SharedConstants};
 use crate::simulation::controller::{Fly, Held};
+use crate::simulation::identification::Balance;
 use crate::simulation::manoeuvre::Manoeuvre;
 use crate::simulation::metrics::{Accumulator, Metrics};
 use crate::simulation::plan::{Plan, ScenarioDelta};
@@ -61,6 +62,7 @@ impl Flight<f64> {
                 memory: LawMemory::fresh(),
                 metrics: Accumulator::new(plan.direction() * outputs.slew[0], outputs.tip[0]),
                 torques: [0.0; 3],
+                balance: Balance::fresh(),
             },
             motion,
             measured: None,

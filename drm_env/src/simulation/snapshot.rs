@@ -91,6 +91,7 @@ impl Flight<f64> {
             memory,
             metrics,
             torques,
+            balance,
         } = &self.common;
         let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
         // a lag's torque is rounded on the way to its command
@@ -114,6 +115,7 @@ impl Flight<f64> {
             &servo.numbers(),
             &self.all_measured(),
             filters.as_flattened(),
+            &balance.numbers(),
             &seen,
         ];
         within(&[root.torque], &self.fixed.root)

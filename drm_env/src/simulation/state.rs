@@ -3,6 +3,7 @@
 use crate::control::LawMemory;
 use crate::hardware::reaction_wheel::WheelState;
 use crate::simd::laned;
+use crate::simulation::identification::Balance;
 use crate::simulation::metrics::Accumulator;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +18,8 @@ pub(crate) struct LaneState<T> {
     pub(crate) metrics: Accumulator<T>,
     /// Torques at the beginning of the last sample, N m: slew, root, tip.
     pub(crate) torques: [T; 3],
+    /// What the balance of angular momentum has told so far.
+    pub(crate) balance: Balance<T>,
 }
 
 laned!(LaneState {
@@ -26,4 +29,5 @@ laned!(LaneState {
     memory,
     metrics,
     torques,
+    balance,
 });
