@@ -195,6 +195,29 @@ def test_a_charge_for_ending_early_has_the_linear_part_too() -> None:
     assert plain - mixed == pytest.approx(held, rel=0.02)
 
 
+@pytest.mark.parametrize("with_deflection", [False, True])
+def test_slew_error_counts_with_the_deflection_if_asked(with_deflection: bool) -> None:
+    """By the definition, at the only sample of an action; the logarithm's resolution is 0.1 mm."""
+    env = drm_env.DrmEnv(
+        control_period=0.002, deployment_start=5.0, deployment_end=5.0,
+        reward={"slew_time": 0.3, "with_deflection": with_deflection},
+    )  # fmt: skip
+    env.reset(seed=0)
+    for _ in range(40):
+        *_, info = env.step(np.ones(2, dtype=np.float32))
+    signals = env.signals()
+    env.close()
+    reach = 12.0
+    error = reach * (signals["slew_angle"] - signals["reference_angle"])
+    rate = reach * (signals["slew_rate"] - signals["reference_rate"])
+    if with_deflection:
+        error += signals["tip_deflection"]
+        rate += 2.0 * (signals["alpha_rate"] + signals["beta_rate"])
+    assert abs(signals["tip_deflection"]) > 1e-5
+    cost = np.log1p(abs(error + 0.3 * rate) / 1e-4) / np.log1p(1e4)
+    assert info["reward/slew_error"] == pytest.approx(-0.002 * cost, rel=1e-9)
+
+
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
 def test_impossible_linear_part_is_refused(value: float) -> None:
     with pytest.raises(drm_env.ConfigError, match=r"reward\.linear"):

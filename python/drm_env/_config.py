@@ -339,6 +339,11 @@ class Reward:
     """
     slew_time: float = 2.5
     """Time by which the slew error rate is weighed, s."""
+    with_deflection: bool = False
+    """
+    Whether the slew error counts with the tip's deflection, as the error of the tip itself: what the
+    benchmark judges. Where both wheels hold the tip, the slew angle has to lean against a deflection.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)

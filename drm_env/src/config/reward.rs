@@ -28,6 +28,9 @@ pub struct Reward {
     pub vibration_time: f64,
     /// Time by which the slew error rate is weighed, s.
     pub slew_time: f64,
+    /// Whether the slew error counts with the tip's deflection, as the error of the tip itself: what the
+    /// benchmark judges. Where both wheels hold the tip, the slew angle has to lean against a deflection.
+    pub with_deflection: bool,
 }
 
 impl Default for Reward {
@@ -40,6 +43,7 @@ impl Default for Reward {
             linear: 0.0,
             vibration_time: 0.04,
             slew_time: 2.5,
+            with_deflection: false,
         }
     }
 }

@@ -193,6 +193,7 @@ impl Task {
             linear,
             vibration_time,
             slew_time,
+            with_deflection: _,
         } = self.reward;
         for (name, value) in [
             ("tip_vibration", tip_vibration),

@@ -43,7 +43,10 @@ impl<T: Number> RewardSums<T> {
         let error = flight.slew_error();
         let error_rate = outputs.slew[1] - flight.clock().reference.rate;
         let swing = deflection_rate * reward.vibration_time;
-        let slide = flight.reach() * error_rate.mul_add(T::splat(reward.slew_time), error);
+        let mut slide = flight.reach() * error_rate.mul_add(T::splat(reward.slew_time), error);
+        if reward.with_deflection {
+            slide += deflection_rate.mul_add(T::splat(reward.slew_time), deflection);
+        }
         self.samples += T::splat(1.0);
         self.squared_vibration += deflection.mul_add(deflection, swing * swing);
         self.squared_slew = slide.mul_add(slide, self.squared_slew);
