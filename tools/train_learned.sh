@@ -2,12 +2,13 @@
 # Trains every learned policy of the benchmark, ten seeds a method, and copies what is shipped (weights,
 # description, learning curve) to the package.
 # Usage: tools/train_learned.sh [DIRECTORY] [METHOD...]     (run from the project root; goes on where it was
-#        interrupted: a finished run is not trained again; JOBS=2 trains two at a time)
+#        interrupted: a finished run is not trained again; JOBS=2 trains two at a time; the methods one after
+#        another, seed by seed)
 set -euo pipefail
 
 runs=${1:-results/benchmark/runs}
 shift || true
-methods=${*:-dagger ppo sac ppo_direct sac_direct}
+methods=${*:-dagger ppo ppo_direct ppo_robust sac sac_direct}
 settings=baselines/drm_baselines/benchmark/learners
 shipped=baselines/drm_baselines/learned
 export OMP_NUM_THREADS=1
@@ -18,11 +19,11 @@ one() {
   case $method in
     dagger) .venv/bin/drm imitate --out "$out" --seed "$seed" --force ;;
     ppo) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo.toml" \
-      --steps 1536000 --seed "$seed" --out "$out" --force ;;
+      --env drm_env/SlewResidual-v1 --steps 4000000 --seed "$seed" --out "$out" --force ;;
     sac) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac.toml" \
       --steps 250000 --seed "$seed" --out "$out" --force ;;
-    ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
-      --env drm_env/Slew-v0 --steps 1500000 --seed "$seed" --out "$out" --force ;;
+    ppo_direct | ppo_robust) .venv/bin/drm train --algo ppo --hyperparameters "$settings/$method.toml" \
+      --env drm_env/Slew-v1 --steps 4000000 --seed "$seed" --out "$out" --force ;;
     sac_direct) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac_direct.toml" \
       --env drm_env/Slew-v0 --steps 250000 --seed "$seed" --out "$out" --force ;;
     *) echo "no method $method" >&2; exit 2 ;;

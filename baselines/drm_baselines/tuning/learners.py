@@ -44,7 +44,12 @@ from drm_baselines.tuning.trials import (
 ENV_ID = "drm_env/SlewResidual-v0"
 """Environment that settings of learning are searched in, if no other is named."""
 
-LEARNER_SUFFIXES = {ENV_ID: "", "drm_env/Slew-v0": "_direct"}
+LEARNER_SUFFIXES = {
+    ENV_ID: "",
+    "drm_env/SlewResidual-v1": "",
+    "drm_env/Slew-v0": "_direct",
+    "drm_env/Slew-v1": "_direct",
+}
 """What the benchmark's learners are called after their algorithm, by environment: residuals and
 policies end to end."""
 
