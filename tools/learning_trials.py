@@ -128,11 +128,18 @@ FOUR: Weights = {
     "link2_deflection": (-4.2, -1.3),
     "link2_deflection_rate": (-4.0, -0.8),
 }
+THREE: Weights = {
+    "tip_error": (-1.0, -0.3),
+    "mean_tip_rate": (-2.0, -0.6),
+    "missing_torque": (1.0, 0.0),
+}
 LINEAR: tuple[tuple[str, str, Weights], ...] = (
     ("wheels off", "Slew-v1", {}),
     ("-1.5 `tip_error` on the root wheel", "Slew-v1", {"tip_error": (-1.5, 0.0)}),
     ("four entries", "Slew-v1", FOUR),
     ("a third of that", "Slew-v1", {n: (a / 3.0, b / 3.0) for n, (a, b) in FOUR.items()}),
+    ("`-tip_error`, `-2 mean_tip_rate`", "Slew-v1", {n: w for n, w in THREE.items() if w[0] < 0}),
+    ("the same and `missing_torque`", "Slew-v1", THREE),
     ("the linear law alone", "SlewResidual-v1", {}),
     *(
         (
@@ -145,7 +152,7 @@ LINEAR: tuple[tuple[str, str, Weights], ...] = (
 )
 """Policies that are one linear map: title, task, weights."""
 
-OLD_REWARD = {"resolution": 1e-4, "linear": 0.0, "slew_time": 2.5}
+OLD_REWARD = {"resolution": 1e-4, "linear": 0.0, "slew_time": 2.5, "with_deflection": False}
 """What version 0 pays."""
 
 COLUMNS = (

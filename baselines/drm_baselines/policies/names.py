@@ -106,9 +106,10 @@ POLICIES = _all(
     ("lqg", "controller", "LQG, scheduled", "purple", _DOTS, "d"),
     ("receding", "controller", "adaptive receding horizon", "green", "-", "P"),
     ("dagger", "learned", "imitation and gradient, residual", "vermilion", "-", "*"),
-    ("ppo", "learned", "PPO, residual on the linear law", "purple", "-", "<"),
+    ("ppo", "learned", "PPO, residual", "purple", "-", "<"),
     ("sac", "learned", "SAC, residual on the linear law", "sky blue", "-", ">"),
     ("ppo_direct", "learned", "PPO end to end", "purple", "--", "p"),
+    ("ppo_robust", "learned", "PPO end to end, robust", "purple", ":", "X"),
     ("sac_direct", "learned", "SAC end to end", "sky blue", "--", "h"),
 )
 """Every policy by name, in the order of tables."""

@@ -119,11 +119,13 @@ impl Task {
     /// reinforcement learning with its libraries' defaults makes steady progress.
     pub(super) fn made_for_learning(&mut self) {
         self.control_period = 0.1;
-        self.observe_identified = true;
+        self.observe_payload_estimate = true;
         self.observe_tip_error = true;
+        self.preview_times = vec![0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0];
         self.reward.resolution = 1e-3;
         self.reward.linear = 3.0;
         self.reward.slew_time = 0.2;
+        self.reward.with_deflection = true;
     }
 
     pub(super) fn validate(&self, scenario: &Scenario) -> Result<(), ConfigError> {
