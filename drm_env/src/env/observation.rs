@@ -2,7 +2,7 @@
 //! randomness, not batches.
 
 use crate::config::scenario::Scenario;
-use crate::config::{EnvConfig, ObservePayload, Task};
+use crate::config::{EnvConfig, ObservePayload, ObservedSensor, Task};
 use crate::error::ConfigError;
 use crate::simd::Number;
 use crate::simd::functions::asinh;
@@ -70,6 +70,16 @@ const TIP_ERROR: [(&str, &str, f64); 2] = [("tip_error", "m", 0.05), ("tip_error
 /// Where the compressed error at the tip turns from linear to logarithmic, m.
 const TIP_ERROR_FINE: f64 = 0.01;
 
+/// Entry of an instrument, if it is asked for: name, unit, scale.
+const fn sensor_entry(sensor: ObservedSensor) -> (&'static str, &'static str, f64) {
+    match sensor {
+        ObservedSensor::Link1Gauge => ("link1_moment", "N m", 2000.0),
+        ObservedSensor::Link2Gauge => ("link2_moment", "N m", 1000.0),
+        ObservedSensor::TipAccelerometer => ("tip_acceleration", "m/s^2", 1.0),
+        ObservedSensor::TipGyro => ("tip_turn_rate", "rad/s", 0.2),
+    }
+}
+
 /// Entries of each preview time: name, unit, scale.
 const PREVIEW: [(&str, &str, f64); 2] = [
     ("reference_accel", "rad/s^2", 0.02),
@@ -105,6 +115,10 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
             frame.push((format!("{name}+{time}s"), unit, scale));
         }
     }
+    for sensor in &task.observe_sensors {
+        let (name, unit, scale) = sensor_entry(*sensor);
+        frame.push((name.to_owned(), unit, scale));
+    }
     (0..task.observation_history)
         .rev()
         .flat_map(|age| {
@@ -129,7 +143,12 @@ pub fn frame_size(task: &Task) -> usize {
     } else {
         0
     };
-    FIXED.len() + MOMENTUM.len() + identified + tip_error + PREVIEW.len() * task.preview_times.len()
+    FIXED.len()
+        + MOMENTUM.len()
+        + identified
+        + tip_error
+        + PREVIEW.len() * task.preview_times.len()
+        + task.observe_sensors.len()
 }
 
 /// What is told of the payload: its mass (kg), length and width (m).
@@ -228,6 +247,12 @@ pub(crate) fn observe<'a, T: Number>(
             }
             preview = rest;
         }
+        let (preview, sensors) = preview.split_at_mut(PREVIEW.len() * task.preview_times.len());
+        for (entry, sensor) in sensors.iter_mut().zip(&task.observe_sensors) {
+            let (_, _, scale) = sensor_entry(*sensor);
+            let scaled = read_by(flight, *sensor).lane(lane) * (1.0 / scale);
+            *entry = scaled.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
+        }
         let timeline = flight.timeline_of(lane);
         let now = clock.time.lane(lane);
         let mut index = flight.piece_of(lane);
@@ -246,6 +271,18 @@ pub(crate) fn observe<'a, T: Number>(
                 *entry = scaled as f32;
             }
         }
+    }
+}
+
+/// What an instrument reads.
+#[inline(always)]
+fn read_by<T: Number>(flight: &Flight<T>, sensor: ObservedSensor) -> T {
+    let [link1, link2, tip] = flight.measured_by_instruments();
+    match sensor {
+        ObservedSensor::Link1Gauge => link1,
+        ObservedSensor::Link2Gauge => link2,
+        ObservedSensor::TipAccelerometer => tip,
+        ObservedSensor::TipGyro => flight.measured_tip_rate(),
     }
 }
 

@@ -34,7 +34,7 @@ pub(super) struct Saved {
 
 const SNAPSHOT_MAGIC: &[u8; 4] = b"DRMe";
 
-const SNAPSHOT_VERSION: u16 = 5;
+const SNAPSHOT_VERSION: u16 = 6;
 
 /// Magic, version, fingerprint of the configuration, checksum of what follows.
 const SNAPSHOT_HEADER: usize = 4 + 2 + 8 + 4;
