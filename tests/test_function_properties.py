@@ -39,7 +39,10 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
             "profile": draw(st.sampled_from(NAMES["slew_profile"])),
         },
         "deployment": {"start": draw(st.floats(0.5, 4.0)), "end": draw(st.floats(4.0, 8.0))},
-        "sensors": {"rate_noise": draw(st.sampled_from([0.0, 1e-4]))},
+        "sensors": {
+            "rate_noise": draw(st.sampled_from([0.0, 1e-4])),
+            "link2_gauge": {"fitted": draw(st.booleans()), "noise": draw(st.sampled_from([0, 1]))},
+        },
     }  # fmt: skip
     if draw(st.booleans()):
         found |= {"plant": "consistent", "modes": [draw(st.integers(1, 3)), 2]}

@@ -112,9 +112,9 @@ SHORT = {
     "observation_size report scenario_json signals steps",
     "Law": "control_period needs_tip_rate torque_limits", "Network": "inputs outputs",
     "": "check_memory context_names distribution_names film_signals fine_scales instructions "
-    "law_names load load_names measurement_names metric_names option_names_json palette "
-    "panic_after_parts payload_inertias prescribed reward_names schema_json signal_names table_2_7 "
-    "task_names Config Env Law Model Network",
+    "law_names load load_names measured_names measurement_names metric_names option_names_json "
+    "palette panic_after_parts payload_inertias prescribed reward_names schema_json signal_names "
+    "table_2_7 task_names Config Env Law Model Network",
 }  # fmt: skip
 ONE_EPISODE = {
     # the work of one environment, one draw or one extension of the arm: milliseconds

@@ -49,6 +49,9 @@ NUMBERS = {
     "structural_damping": 1e-4, "link1_length": 7.0, "link1_bending_stiffness": 2.5e6,
     "link1_mass_per_length": 14.0, "link2_length": 8.0, "link2_bending_stiffness": 3e6,
     "link2_mass_per_length": 9.4, "damping_ratio": 0.005, "payload_offset": 0.05,
+    "angle_bias": 1e-4, "rate_bias": 1e-4, "deflection_bias": 1e-4, "deflection_rate_bias": 1e-3,
+    "tip_rate_bias": 1e-4, "link1_gauge_bias": 5.0, "link2_gauge_bias": 5.0,
+    "tip_accelerometer_bias": 0.01,
 }  # fmt: skip
 """A usual value of each parameter that is a number."""
 NAMES: dict[str, list[str]] = {
@@ -97,6 +100,13 @@ def options(draw: st.DrawFn, most: int = 6) -> dict[str, Any]:
     found["observe_identified"] = draw(st.booleans())
     found["observe_tip_error"] = draw(st.booleans())
     found["observe_payload_estimate"] = draw(st.booleans())
+    instruments = ["link1_gauge", "link2_gauge", "tip_accelerometer", "tip_gyro"]
+    if draw(st.booleans()):
+        seen = st.lists(st.sampled_from(instruments), unique=True, max_size=4)
+        found["observe_sensors"] = draw(seen)
+        for name in draw(st.lists(st.sampled_from(instruments[:3]), unique=True)):
+            found[f"{name}_noise"] = draw(st.floats(0.0, 10.0))
+            found[f"{name}_bandwidth"] = draw(st.one_of(st.none(), st.floats(1.0, 1e3)))
     return found
 
 

@@ -307,6 +307,14 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "link2_length": (8.5, {"deployment_start": 2.5}),
     "link2_bending_stiffness": (2.0e6, {}),
     "link2_mass_per_length": (8.0, {}),
+    "angle_bias": (1e-3, {}),
+    "rate_bias": (1e-3, {}),
+    "deflection_bias": (1e-3, {}),
+    "deflection_rate_bias": (1e-3, {}),
+    "tip_rate_bias": (1e-3, {}),
+    "link1_gauge_bias": (20.0, {}),
+    "link2_gauge_bias": (20.0, {}),
+    "tip_accelerometer_bias": (0.02, {}),
 }
 OF_THE_CONSISTENT_PLANT = {"damping_ratio", "payload_offset"}
 ONLY_MEASURED = {
@@ -319,6 +327,7 @@ ONLY_MEASURED = {
     "deflection_resolution",
     "deflection_rate_resolution",
     "sensor_delay",
+    *(name for name in CHANGES if name.endswith("_bias")),
 }
 
 
@@ -329,7 +338,10 @@ def plant_with(name: str) -> str:
 
 def flown(options: dict[str, Any], plant: Any) -> tuple[np.ndarray, np.ndarray]:
     """Motion and observations of half a second with full wheel torques, from option to state."""
-    env = drm_env.DrmEnv(task="slew_thesis", control_period=0.01, horizon=0.5, plant=plant)
+    env = drm_env.DrmEnv(
+        task="slew_thesis", control_period=0.01, horizon=0.5, plant=plant,
+        observe_sensors=["link1_gauge", "link2_gauge", "tip_accelerometer", "tip_gyro"],
+    )  # fmt: skip
     observation, _ = env.reset(seed=1, options=options)
     observations, motion = [observation], []
     for index in range(50):

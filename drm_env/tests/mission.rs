@@ -14,8 +14,8 @@ use drm_env::plant::PlantModel;
 use drm_env::reference::series::Series;
 use drm_env::reference::slew::SlewProfile;
 use drm_env::rollout::{
-    Options, Pilot, Recording, SIGNAL_NAMES, Schedule, TOLD, fly_missions, fly_missions_asked,
-    fly_one_mission,
+    Beside, Options, Pilot, Recording, SIGNAL_NAMES, Schedule, TOLD, fly_missions,
+    fly_missions_asked, fly_one_mission,
 };
 use drm_env::simd::Instructions;
 use drm_env::simulation::LegRecord;
@@ -86,7 +86,7 @@ struct Flown {
 impl Flown {
     fn of(mission: &ValidMission, law: &Law) -> Self {
         let pilot = Pilot::law(law).expect("the law can be used");
-        let flown = fly_one_mission(mission, &pilot, 1, Seed::default(), false);
+        let flown = fly_one_mission(mission, &pilot, 1, Seed::default(), Beside::default());
         let (trajectory, legs) = flown.expect("the mission can be flown");
         Self {
             signals: trajectory.signals,
@@ -419,7 +419,7 @@ fn every_door_flies_the_same_bits() {
             .map(|i| Seed::from_le_bytes(&[i]))
             .collect();
         let one = |i: usize| {
-            let flown = fly_one_mission(&missions[i], &pilot, 10, seeds[i], false);
+            let flown = fly_one_mission(&missions[i], &pilot, 10, seeds[i], Beside::default());
             flown.expect("the mission can be flown")
         };
         let alone: Vec<_> = (0..missions.len()).map(one).collect();

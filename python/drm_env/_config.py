@@ -106,31 +106,22 @@ MotorConstants: TypeAlias = Literal["fitted", "printed"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensors:
-    """Errors of the measured outputs; all zero is exact."""
+class Instrument:
+    """A strain gauge or an accelerometer; noise, bias and resolution are in the unit of what it reads."""
 
-    angle_noise: float = 0.0
-    """Standard deviation of the slew angle's noise, rad."""
-    rate_noise: float = 0.0
-    """Standard deviation of the slew rate's noise, rad/s."""
-    deflection_noise: float = 0.0
-    """Standard deviation of the link-2 tip deflection's noise, m."""
-    deflection_rate_noise: float = 0.0
-    """Standard deviation of the link-2 tip deflection rate's noise, m/s."""
-    angle_resolution: float = 0.0
-    """Quantum of the slew angle, rad; 0 is none."""
-    rate_resolution: float = 0.0
-    """Quantum of the slew rate, rad/s; 0 is none."""
-    deflection_resolution: float = 0.0
-    """Quantum of the link-2 tip deflection, m; 0 is none."""
-    deflection_rate_resolution: float = 0.0
-    """Quantum of the link-2 tip deflection rate, m/s; 0 is none."""
-    tip_rate_noise: float = 0.0
-    """Standard deviation of the noise of the gyro at the tip wheel, rad/s."""
-    tip_rate_resolution: float = 0.0
-    """Quantum of it, rad/s; 0 is none."""
-    delay: float = 0.0
-    """Delay of all of them, s, rounded to whole samples."""
+    fitted: bool = False
+    """
+    Whether it is there. One that is observed, or has an error or a bandwidth, is there anyway; one that
+    is not reads nothing and costs nothing.
+    """
+    noise: float = 0.0
+    """Standard deviation of its noise."""
+    bias: float = 0.0
+    """Error that is the same through an episode."""
+    resolution: float = 0.0
+    """Quantum; 0 is none."""
+    bandwidth: float | None = None
+    """Angular frequency at which its first-order low pass cuts off (-3 dB), rad/s; null lets all pass."""
 
 
 PlantModel: TypeAlias = Literal["thesis", "consistent"]
@@ -311,6 +302,10 @@ ObservePayload: TypeAlias = Literal["reported", "true", "hidden"]
 """Which payload the observation shows."""
 
 
+ObservedSensor: TypeAlias = Literal["link1_gauge", "link2_gauge", "tip_accelerometer", "tip_gyro"]
+"""An instrument whose reading an observation may show."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Reward:
     """
@@ -454,6 +449,58 @@ class SlewMotor:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """Errors of the measured outputs; all zero is exact."""
+
+    angle_noise: float = 0.0
+    """Standard deviation of the slew angle's noise, rad."""
+    rate_noise: float = 0.0
+    """Standard deviation of the slew rate's noise, rad/s."""
+    deflection_noise: float = 0.0
+    """Standard deviation of the link-2 tip deflection's noise, m."""
+    deflection_rate_noise: float = 0.0
+    """Standard deviation of the link-2 tip deflection rate's noise, m/s."""
+    angle_resolution: float = 0.0
+    """Quantum of the slew angle, rad; 0 is none."""
+    rate_resolution: float = 0.0
+    """Quantum of the slew rate, rad/s; 0 is none."""
+    deflection_resolution: float = 0.0
+    """Quantum of the link-2 tip deflection, m; 0 is none."""
+    deflection_rate_resolution: float = 0.0
+    """Quantum of the link-2 tip deflection rate, m/s; 0 is none."""
+    tip_rate_noise: float = 0.0
+    """Standard deviation of the noise of the gyro at the tip wheel, rad/s."""
+    tip_rate_resolution: float = 0.0
+    """Quantum of it, rad/s; 0 is none."""
+    tip_rate_bandwidth: float | None = None
+    """
+    Angular frequency at which the gyro's first-order low pass cuts off (-3 dB), rad/s; null lets all
+    pass.
+    """
+    angle_bias: float = 0.0
+    """Error of the slew angle that is the same through an episode, rad."""
+    rate_bias: float = 0.0
+    """The same of the slew rate, rad/s."""
+    deflection_bias: float = 0.0
+    """The same of the link-2 tip deflection, m."""
+    deflection_rate_bias: float = 0.0
+    """The same of the link-2 tip deflection rate, m/s."""
+    tip_rate_bias: float = 0.0
+    """The same of the gyro at the tip wheel, rad/s."""
+    link1_gauge: Instrument = Instrument()
+    """Strain gauges at the root of link 1, which are calibrated to the bending moment there, N m."""
+    link2_gauge: Instrument = Instrument()
+    """Strain gauges on link 2 where it leaves link 1, calibrated to the bending moment there, N m."""
+    tip_accelerometer: Instrument = Instrument()
+    """
+    Accelerometer where link 2 carries tip wheel and payload: the acceleration across the link there,
+    m/s^2.
+    """
+    delay: float = 0.0
+    """Delay of all of them, s, rounded to whole samples."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Dynamics:
     """Switches and additions of the equations of motion."""
 
@@ -580,6 +627,22 @@ class Randomize:
     """Stiffness of link 2."""
     link2_mass_per_length: Distribution | None = None
     """Mass per length of link 2."""
+    angle_bias: Distribution | None = None
+    """Bias of the measured slew angle."""
+    rate_bias: Distribution | None = None
+    """Bias of the measured slew rate."""
+    deflection_bias: Distribution | None = None
+    """Bias of the measured deflection."""
+    deflection_rate_bias: Distribution | None = None
+    """Bias of the measured deflection rate."""
+    tip_rate_bias: Distribution | None = None
+    """Bias of the gyro at the tip wheel."""
+    link1_gauge_bias: Distribution | None = None
+    """Bias of the strain gauges of link 1."""
+    link2_gauge_bias: Distribution | None = None
+    """Bias of the strain gauges of link 2."""
+    tip_accelerometer_bias: Distribution | None = None
+    """Bias of the accelerometer at the tip."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -871,6 +934,8 @@ class Task:
     the torque that the payload takes beyond what the slew motor was told to give: now and at each
     preview time. The slew must be open loop.
     """
+    observe_sensors: Sequence[ObservedSensor] = ()
+    """Instruments whose readings are shown behind everything else, in order; they are fitted then."""
     observation_history: int = 1
     """Number of observations stacked, the newest last."""
     preview_times: Sequence[float] = (0.1, 0.25, 0.5, 1.0, 2.0)

@@ -38,6 +38,7 @@ __all__ = [
     "law_names",
     "load",
     "load_names",
+    "measured_names",
     "measurement_names",
     "metric_names",
     "option_names_json",
@@ -692,6 +693,11 @@ def load_names() -> list[str]:
     Names of the loads, in the engine's order.
     """
 
+def measured_names() -> list[str]:
+    """
+    Names of what is measured, in the engine's order.
+    """
+
 def measurement_names() -> list[str]:
     """
     Names of what a law is told, as in the observation.
@@ -801,7 +807,12 @@ def signal_names() -> list[str]:
     """
 
 def simulate(
-    scenario: str | Config, law: str, every: SupportsIndex, seed: bytes, loads: bool = False
+    scenario: str | Config,
+    law: str,
+    every: SupportsIndex,
+    seed: bytes,
+    loads: bool = False,
+    sensors: bool = False,
 ) -> tuple[
     list[tuple[str, NDArray[float64]]],
     list[tuple[str, float]],
@@ -809,8 +820,8 @@ def simulate(
     list[tuple[int, str, float, float, float, tuple[float, float], list[float], list[float]]],
 ]:
     """
-    Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, and with `loads`
-    these among the signals and their peaks and root mean squares.
+    Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, with `loads` these
+    among the signals and their peaks and root mean squares, with `sensors` what is measured.
     """
 
 def table_2_7() -> list[tuple[float, float, float]]:

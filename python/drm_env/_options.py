@@ -13,6 +13,7 @@ from drm_env._config import (
     Law,
     Limits,
     MotorConstants,
+    ObservedSensor,
     ObservePayload,
     PayloadInertia,
     PlantModel,
@@ -135,6 +136,22 @@ class Parameters(TypedDict, total=False):
     """Stiffness of link 2. Unit: N m^2."""
     link2_mass_per_length: Drawn
     """Mass per length of link 2. Unit: kg/m."""
+    angle_bias: Drawn
+    """Bias of the measured slew angle. Unit: rad."""
+    rate_bias: Drawn
+    """Bias of the measured slew rate. Unit: rad/s."""
+    deflection_bias: Drawn
+    """Bias of the measured deflection. Unit: m."""
+    deflection_rate_bias: Drawn
+    """Bias of the measured deflection rate. Unit: m/s."""
+    tip_rate_bias: Drawn
+    """Bias of the gyro at the tip wheel. Unit: rad/s."""
+    link1_gauge_bias: Drawn
+    """Bias of the strain gauges of link 1. Unit: N m."""
+    link2_gauge_bias: Drawn
+    """Bias of the strain gauges of link 2. Unit: N m."""
+    tip_accelerometer_bias: Drawn
+    """Bias of the accelerometer at the tip. Unit: m/s^2."""
 
 
 class Options(Parameters, total=False):
@@ -178,6 +195,28 @@ class Options(Parameters, total=False):
     """Damping ratio of that mode as it is believed."""
     tip_rate_noise: SupportsFloat
     """Noise of the gyro at the tip wheel. Unit: rad/s."""
+    tip_rate_resolution: SupportsFloat
+    """Quantum of the gyro at the tip wheel. Unit: rad/s."""
+    tip_rate_bandwidth: SupportsFloat | None
+    """Bandwidth of the gyro at the tip wheel; null is none. Unit: rad/s."""
+    link1_gauge_noise: SupportsFloat
+    """Noise of the strain gauges of link 1. Unit: N m."""
+    link1_gauge_resolution: SupportsFloat
+    """Quantum of the strain gauges of link 1. Unit: N m."""
+    link1_gauge_bandwidth: SupportsFloat | None
+    """Bandwidth of the strain gauges of link 1; null is none. Unit: rad/s."""
+    link2_gauge_noise: SupportsFloat
+    """Noise of the strain gauges of link 2. Unit: N m."""
+    link2_gauge_resolution: SupportsFloat
+    """Quantum of the strain gauges of link 2. Unit: N m."""
+    link2_gauge_bandwidth: SupportsFloat | None
+    """Bandwidth of the strain gauges of link 2; null is none. Unit: rad/s."""
+    tip_accelerometer_noise: SupportsFloat
+    """Noise of the accelerometer at the tip. Unit: m/s^2."""
+    tip_accelerometer_resolution: SupportsFloat
+    """Quantum of the accelerometer at the tip. Unit: m/s^2."""
+    tip_accelerometer_bandwidth: SupportsFloat | None
+    """Bandwidth of the accelerometer at the tip; null is none. Unit: rad/s."""
     control_period: SupportsFloat
     """Time between two actions. Unit: s."""
     actuators: Sequence[Actuator]
@@ -196,6 +235,8 @@ class Options(Parameters, total=False):
     """Whether the slew error taken to the tip is shown."""
     observe_payload_estimate: bool
     """Whether a running estimate of the payload is shown, and what follows from it."""
+    observe_sensors: Sequence[ObservedSensor]
+    """Instruments whose readings are shown."""
     observation_history: SupportsIndex
     """Observations stacked."""
     preview_times: Sequence[SupportsFloat] | NDArray[Any]

@@ -17,6 +17,7 @@ __all__ = [
     "LAW_PERIOD",
     "LINK_END_DEFLECTION",
     "LOAD_NAMES",
+    "MEASURED_NAMES",
     "PALETTE",
     "PAYLOAD_INERTIAS",
     "SCHEDULED_EXTENSION_SCALE",
@@ -45,6 +46,11 @@ assumed shape 3 u^2 - u^3 at u = 1."""
 
 LOAD_NAMES: tuple[str, ...] = tuple(_engine.load_names())
 """The loads of a manoeuvre, in order, which `rollout` can keep too; see `drm_env.load_signals`."""
+
+MEASURED_NAMES: tuple[str, ...] = tuple(_engine.measured_names())
+"""What sensors read at each sample, in order, which `rollout` can keep too: slew angle and rate
+(rad, rad/s), link-2 tip deflection and its rate (m, m/s), the gyro at the tip wheel (rad/s), the
+strain gauges at the roots of link 1 and link 2 (N m) and the accelerometer at the tip (m/s^2)."""
 
 PALETTE: dict[str, str] = {
     name: "#{:02X}{:02X}{:02X}".format(*rgb) for name, rgb in _engine.palette()

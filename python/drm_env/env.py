@@ -92,16 +92,22 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     ``mean_tip_rate``, ``.._fine``, (with it)              m/s        0.05, 2
     ``missing_torque`` (with it)                           N m        100
     ``reference_accel+0.1s``, ``extension+0.1s``, ...      rad/s^2,m  0.02, 8
+    ``link1_moment``, ``link2_moment`` (strain gauges)     N m        2000, 1000
+    ``tip_acceleration`` (across link 2, accelerometer)    m/s^2      1
+    ``tip_turn_rate`` (gyro at the tip wheel)              rad/s      0.2
     =====================================================  =========  ============
 
-    The first four rows are measured, with the sensors' noise, resolution and delay; the rest is
-    known. The payload is the reported one unless ``observe_payload`` says otherwise. The last row
-    previews each of ``preview_times``. ``estimated_mass_error`` is a running estimate that vibration
-    does not disturb. By it ``mean_tip_rate`` is the rate of the error at the tip as the arm's angular
-    momentum has it, and ``missing_torque`` what the payload takes beyond what the motor was told to
-    give; it is previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of
-    the fine entries is 10 mm and 10 mm/s). With ``observation_history`` = h > 1 the last h frames are stacked, older
-    ones first, their names ending in ``@-1``, ``@-2``, ...
+    The first four rows are measured, with the sensors' noise, bias, resolution and delay; the rest
+    is known, but for the last three rows, which instruments measure with errors of their own
+    (docs/plants.md): ``observe_sensors`` names them, ``"link1_gauge"``, ``"link2_gauge"``,
+    ``"tip_accelerometer"`` and ``"tip_gyro"``, and they come in its order. The payload is the
+    reported one unless ``observe_payload`` says otherwise. The row before them previews each of
+    ``preview_times``. ``estimated_mass_error`` is a running estimate that vibration does not disturb.
+    By it ``mean_tip_rate`` is the rate of the error at the tip as the arm's angular momentum has it,
+    and ``missing_torque`` what the payload takes beyond what the motor was told to give; it is
+    previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of the fine
+    entries is 10 mm and 10 mm/s). With ``observation_history`` = h > 1 the last h frames are stacked,
+    older ones first, their names ending in ``@-1``, ``@-2``, ...
 
     Reward
     ------

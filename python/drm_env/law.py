@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["ControlLaw"]
 
 _TIP_RATE = "tip_turn_rate"
+_INSTRUMENTS = ("link1_moment", "link2_moment", "tip_acceleration")
 
 
 class ControlLaw:
@@ -70,8 +71,8 @@ class ControlLaw:
         self._law = _engine.Law(law_json(law), resolved.held)
         layout = resolved.observation_layout
         places = {entry.name: index for index, entry in enumerate(layout)}
-        # no observation holds what the gyro at the tip wheel measures; few laws want it
-        unused = () if self._law.needs_tip_rate else (_TIP_RATE,)
+        # an observation holds what instruments measure if it is asked to; few laws want the gyro
+        unused = _INSTRUMENTS if self._law.needs_tip_rate else (_TIP_RATE, *_INSTRUMENTS)
         missing = [name for name in self.MEASUREMENTS if name not in places and name not in unused]
         self._missing = missing
         seen = [i for i, name in enumerate(self.MEASUREMENTS) if name in places]
@@ -86,7 +87,10 @@ class ControlLaw:
 
     @property
     def needs_tip_rate(self) -> bool:
-        """Whether it feeds back ``tip_turn_rate``: of the gyro at the tip, in no observation."""
+        """Whether it feeds back ``tip_turn_rate``, of the gyro at the tip.
+
+        Observations show it with ``observe_sensors=["tip_gyro"]``.
+        """
         return self._law.needs_tip_rate
 
     @property
@@ -109,8 +113,8 @@ class ControlLaw:
         Returns
         -------
         measurements
-            Shape (n, len(MEASUREMENTS)); ``tip_turn_rate``, which no observation holds, is 0 for a
-            law that does not want it.
+            Shape (n, len(MEASUREMENTS)). Instruments that the observation does not show (see
+            ``observe_sensors``) are 0: laws that want none of them do not look at them.
 
         Raises
         ------

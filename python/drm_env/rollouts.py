@@ -247,8 +247,8 @@ def rollout(
     progress
         called now and then with how many are done and how many there are.
     signals
-        names of signals to keep of each manoeuvre, see `simulate` and `load_signals`; ``None``: no
-        trajectories.
+        names of signals to keep of each manoeuvre, see `simulate`, `load_signals` and
+        `drm_env.constants.MEASURED_NAMES`; ``None``: no trajectories.
     decimation
         keep every so many samples of the sample period, the first and the last included.
     loads

@@ -159,6 +159,7 @@ def simulate(
     decimation: int = 1,
     seed: int = 0,
     loads: bool = False,
+    sensors: bool = False,
     law_period: float | None = None,
 ) -> Trajectory:
     """Flies one manoeuvre in closed loop.
@@ -184,6 +185,11 @@ def simulate(
     loads
         add the loads (see `load_signals`) to the signals, and to the metrics ``<name>_peak``, the
         largest magnitude, and ``<name>_rms``, the root mean square, of each over all samples.
+    sensors
+        add what the sensors read at each sample, ``measured_slew_angle`` and the others of
+        `drm_env.constants.MEASURED_NAMES`, to the signals: with their noise, bias, bandwidth,
+        resolution and delay. Strain gauges and accelerometer are NaN unless they are fitted
+        (``scenario["sensors"]``; see docs/plants.md).
     law_period
         time between two calls of a callable, s, a multiple of the sample period; ``None``: every
         sample. It is counted from the beginning, of a mission too, wherever its legs begin.
@@ -220,10 +226,12 @@ def simulate(
     """
     check_decimation(decimation)
     check_flag("loads", loads)
+    check_flag("sensors", sensors)
     (first,) = seeds_of(seed, 1)
     period = check_period(law, law_period)
     if is_callable(law):
         names = [*_engine.signal_names(), *(_engine.load_names() if loads else ())]
+        names += _engine.measured_names() if sensors else ()
         (rows, kept, measured), flown = _engine.rollout_asked(
             [engine_scenario(scenario)],
             AskedLaw(law, 1),
@@ -237,7 +245,7 @@ def simulate(
         records = leg_records(flown[0]) if flown else ()
         return trajectory_of(0, metrics_of(rows, measured), dict(kept), records)
     signals, metrics, measured, legs = _engine.simulate(
-        engine_scenario(scenario), law_json(law), decimation, first, loads
+        engine_scenario(scenario), law_json(law), decimation, first, loads, sensors
     )
     stated = dict(metrics)
     if measured is not None:

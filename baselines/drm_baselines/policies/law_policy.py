@@ -116,10 +116,11 @@ class LawPolicy:
         self._law = drm_env.ControlLaw(self.law, config=config)
         self._arms: dict[tuple[float, ...], drm_env.ControlLaw] = {}
         self._contexts = None
-        if self._law.needs_tip_rate:
+        if self._law.needs_tip_rate and not any(entry.name == "tip_turn_rate" for entry in layout):
             raise PolicyError(
-                f"the law {self.name!r} needs the gyro at the tip wheel, which no observation "
-                "holds; fly it by simulate, rollout or as inner_law"
+                f"the law {self.name!r} needs the gyro at the tip wheel, which the observation "
+                "does not hold; observe_sensors = ['tip_gyro'] shows it, and simulate, rollout and "
+                "inner_law do not need it"
             )
         self._arm = {"lyapunov": _ARM, "servo": _MODELLED_ARM}.get(self.name, ())
         self._needs = _LIMITS + self._arm

@@ -14,11 +14,12 @@ use drm_env::control::{
     KnownInertia, Law as EngineLaw, LawMemory, MEMORY_SIZE, Measurement, ServoMemory, ServoModel,
 };
 use drm_env::error::{ConfigError, Error};
+use drm_env::hardware::sensors::MEASURED_NAMES;
 use drm_env::math::rng::Seed;
 use drm_env::plant::{RigidInertia, Torques};
 use drm_env::reference::Extension;
 use drm_env::rollout::{
-    LoadedTrajectory, Pilot, SIGNAL_NAMES, TOLD_NAMES as MEASUREMENTS, fly_one_loaded,
+    Beside, LoadedTrajectory, Pilot, SIGNAL_NAMES, TOLD_NAMES as MEASUREMENTS, fly_one_loaded,
 };
 use drm_env::simulation::loads::{LOAD_NAMES, LoadMetrics};
 use drm_env::simulation::metrics::METRIC_NAMES;
@@ -323,6 +324,7 @@ impl Law {
             length,
             width,
             tip_turn_rate,
+            ..,
         ] = row;
         let measured = Measurement {
             slew_error,
@@ -403,16 +405,22 @@ pub(crate) fn signal_names() -> Vec<&'static str> {
     SIGNAL_NAMES.to_vec()
 }
 
+/// Names of what is measured, in the engine's order.
+#[pyfunction]
+pub(crate) fn measured_names() -> Vec<&'static str> {
+    MEASURED_NAMES.to_vec()
+}
+
 /// Names of the loads, in the engine's order.
 #[pyfunction]
 pub(crate) fn load_names() -> Vec<&'static str> {
     LOAD_NAMES.to_vec()
 }
 
-/// Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, and with `loads`
-/// these among the signals and their peaks and root mean squares.
+/// Flies one manoeuvre under a law: the signals, every `every`-th sample, the metrics, with `loads` these
+/// among the signals and their peaks and root mean squares, with `sensors` what is measured.
 #[pyfunction]
-#[pyo3(signature = (scenario, law, every, seed, loads=false))]
+#[pyo3(signature = (scenario, law, every, seed, loads=false, sensors=false))]
 #[allow(clippy::type_complexity)]
 pub(crate) fn simulate<'py>(
     py: Python<'py>,
@@ -421,19 +429,24 @@ pub(crate) fn simulate<'py>(
     every: Count,
     seed: &[u8],
     loads: bool,
+    sensors: bool,
 ) -> Outcome<(
     Vec<(&'static str, Out1<'py, f64>)>,
     Vec<(&'static str, f64)>,
     Option<(Out1<'py, f64>, Out1<'py, f64>)>,
     Vec<LegRow>,
 )> {
+    let beside = Beside {
+        loads,
+        measured: sensors,
+    };
     let (flown, legs) = detached(py, || {
         let seed = Seed::from_le_bytes(seed);
         match scenario.flyable(None)? {
             Flyable::Scenario(scenario) => {
                 let law = law_from_json(law)?;
-                let flown = if loads {
-                    fly_one_loaded(&scenario, &Pilot::law(&law)?, every.0, seed)?
+                let flown = if loads || sensors {
+                    fly_one_loaded(&scenario, &Pilot::law(&law)?, every.0, seed, beside)?
                 } else {
                     let flown = flights::simulate(*scenario, &law, every.0, seed)?;
                     LoadedTrajectory {
@@ -448,7 +461,7 @@ pub(crate) fn simulate<'py>(
                 let law = law_from_json(law)?;
                 let pilot = Pilot::law(&law)?;
                 let (flown, legs) =
-                    flights::fly_one_mission(&mission, &pilot, every.0, seed, loads)?;
+                    flights::fly_one_mission(&mission, &pilot, every.0, seed, beside)?;
                 Ok((flown, leg_rows(mission.mission(), &legs)))
             }
         }

@@ -61,8 +61,8 @@ mod _engine {
 
     #[pymodule_export]
     use super::analysis::{
-        Law, Model, check_memory, load_names, measurement_names, prescribed, sample_scenarios,
-        signal_names, simulate, transitions,
+        Law, Model, check_memory, load_names, measured_names, measurement_names, prescribed,
+        sample_scenarios, signal_names, simulate, transitions,
     };
     #[pymodule_export]
     use super::asked::rollout_asked;

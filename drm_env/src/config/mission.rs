@@ -11,6 +11,7 @@ use crate::check::{finite, non_negative, positive};
 use crate::config::handling::{Base, LegHandling};
 use crate::config::scenario::{Initial, ReportedPayload, Scenario, ValidScenario};
 use crate::error::ConfigError;
+use crate::hardware::sensors::INSTRUMENTS;
 use crate::reference::deployment::{Deployment, DeploymentMode};
 use crate::reference::series::Series;
 use crate::reference::slew::{Slew, SlewProfile};
@@ -338,6 +339,17 @@ pub struct ValidMission {
 }
 
 impl ValidMission {
+    /// See [`ValidScenario::fitted`].
+    #[must_use]
+    pub(crate) fn fitted(&self, instruments: [bool; INSTRUMENTS]) -> Self {
+        let mut mission = self.clone();
+        mission.base = mission.base.fitted(instruments);
+        for leg in &mut mission.legs {
+            leg.scenario = leg.scenario.fitted(instruments);
+        }
+        mission
+    }
+
     /// Checks a mission with the scenario that all legs have in common.
     ///
     /// # Errors

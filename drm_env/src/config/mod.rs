@@ -31,7 +31,7 @@ use crate::plant::PlantModel;
 pub use json::{law_from_json, mission_from_json, scenario_from_json, typed};
 use json::{name_law, object};
 pub use reward::Reward;
-pub use task::{Actuator, Limits, ObservePayload, Task};
+pub use task::{Actuator, Limits, ObservePayload, ObservedSensor, Task};
 pub use valid::ValidConfig;
 
 /// Everything that defines an environment. The default is `drm_env/Slew-v0`.

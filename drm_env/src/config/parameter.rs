@@ -257,6 +257,16 @@ scenario_parameters! {
     link2_length = arm.link2.length, "m", "Length of link 2.";
     link2_bending_stiffness = arm.link2.bending_stiffness, "N m^2", "Stiffness of link 2.";
     link2_mass_per_length = arm.link2.mass_per_length, "kg/m", "Mass per length of link 2.";
+    angle_bias = sensors.angle_bias, "rad", "Bias of the measured slew angle.";
+    rate_bias = sensors.rate_bias, "rad/s", "Bias of the measured slew rate.";
+    deflection_bias = sensors.deflection_bias, "m", "Bias of the measured deflection.";
+    deflection_rate_bias = sensors.deflection_rate_bias, "m/s",
+        "Bias of the measured deflection rate.";
+    tip_rate_bias = sensors.tip_rate_bias, "rad/s", "Bias of the gyro at the tip wheel.";
+    link1_gauge_bias = sensors.link1_gauge.bias, "N m", "Bias of the strain gauges of link 1.";
+    link2_gauge_bias = sensors.link2_gauge.bias, "N m", "Bias of the strain gauges of link 2.";
+    tip_accelerometer_bias = sensors.tip_accelerometer.bias, "m/s^2",
+        "Bias of the accelerometer at the tip.";
 }
 
 /// Position of a flat name in [`PARAMETERS`].

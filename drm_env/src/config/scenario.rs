@@ -12,7 +12,7 @@ use crate::check::positive;
 use crate::control::LAW_PERIOD;
 use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::{RootWheel, TipWheel};
-use crate::hardware::sensors::Sensors;
+use crate::hardware::sensors::{INSTRUMENTS, Instrument, Sensors};
 use crate::hardware::slew_motor::SlewMotor;
 use crate::interruption;
 use crate::math::runge_kutta::largest_stable_step;
@@ -393,8 +393,17 @@ impl Scenario {
         };
         (common.slew.final_time, common.slew.times) = (self.slew.final_time, self.slew.times);
         common.slew.shaper = self.slew.shaper;
-        common.sensors.tip_rate_noise = self.sensors.tip_rate_noise;
-        common.sensors.tip_rate_resolution = self.sensors.tip_rate_resolution;
+        let sensors = &self.sensors;
+        common.sensors.tip_rate_noise = sensors.tip_rate_noise;
+        common.sensors.tip_rate_resolution = sensors.tip_rate_resolution;
+        common.sensors.tip_rate_bandwidth = sensors.tip_rate_bandwidth;
+        let unbiased = |instrument: Instrument| Instrument {
+            bias: 0.0,
+            ..instrument
+        };
+        common.sensors.link1_gauge = unbiased(sensors.link1_gauge);
+        common.sensors.link2_gauge = unbiased(sensors.link2_gauge);
+        common.sensors.tip_accelerometer = unbiased(sensors.tip_accelerometer);
         common.slew.accelerations = self.slew.accelerations;
         common.dynamics.structural_damping = 0.0;
         common.dynamics.damping_ratio = 0.0;
@@ -425,6 +434,13 @@ impl ValidScenario {
     /// A scenario that has been checked with the configuration that it is of.
     pub(super) fn of_valid(scenario: Scenario) -> Self {
         Self(scenario)
+    }
+
+    /// The same with these instruments fitted as well, strain gauges of link 1 and link 2 and accelerometer.
+    #[must_use]
+    pub(crate) fn fitted(mut self, instruments: [bool; INSTRUMENTS]) -> Self {
+        self.0.sensors.fit(instruments);
+        self
     }
 
     /// Checks many.

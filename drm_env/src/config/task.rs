@@ -5,6 +5,7 @@ use crate::config::reward::{Reward, RewardScale};
 use crate::config::scenario::Scenario;
 use crate::control::Law;
 use crate::error::ConfigError;
+use crate::hardware::sensors::INSTRUMENTS;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -35,6 +36,20 @@ pub enum ObservePayload {
     True,
     /// None: the entries are zero.
     Hidden,
+}
+
+/// An instrument whose reading an observation may show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ObservedSensor {
+    /// Strain gauges at the root of link 1.
+    Link1Gauge,
+    /// Strain gauges on link 2 where it leaves link 1.
+    Link2Gauge,
+    /// Accelerometer at the tip.
+    TipAccelerometer,
+    /// Gyro at the tip wheel.
+    TipGyro,
 }
 
 /// Limits of the structure, beyond which an episode is terminated.
@@ -84,6 +99,8 @@ pub struct Task {
     /// the torque that the payload takes beyond what the slew motor was told to give: now and at each
     /// preview time. The slew must be open loop.
     pub observe_payload_estimate: bool,
+    /// Instruments whose readings are shown behind everything else, in order; they are fitted then.
+    pub observe_sensors: Vec<ObservedSensor>,
     /// Number of observations stacked, the newest last.
     pub observation_history: usize,
     /// Times ahead at which the reference acceleration and the extension are shown, s.
@@ -106,6 +123,7 @@ impl Default for Task {
             observe_identified: false,
             observe_tip_error: false,
             observe_payload_estimate: false,
+            observe_sensors: Vec::new(),
             observation_history: 1,
             preview_times: vec![0.1, 0.25, 0.5, 1.0, 2.0],
             reward: Reward::default(),
@@ -126,6 +144,16 @@ impl Task {
         self.reward.linear = 3.0;
         self.reward.slew_time = 0.2;
         self.reward.with_deflection = true;
+    }
+
+    /// Which instruments are observed: strain gauges of link 1 and link 2, and accelerometer.
+    pub(crate) fn instruments(&self) -> [bool; INSTRUMENTS] {
+        [
+            ObservedSensor::Link1Gauge,
+            ObservedSensor::Link2Gauge,
+            ObservedSensor::TipAccelerometer,
+        ]
+        .map(|sensor| self.observe_sensors.contains(&sensor))
     }
 
     pub(super) fn validate(&self, scenario: &Scenario) -> Result<(), ConfigError> {
@@ -156,6 +184,16 @@ impl Task {
                 "must list root_wheel, tip_wheel and slew_motor at most once each and at least \
                  one of them",
                 json!(self.actuators),
+            ));
+        }
+        let repeated =
+            |a: &ObservedSensor| self.observe_sensors.iter().filter(|b| *b == a).count() > 1;
+        if self.observe_sensors.iter().any(repeated) {
+            return Err(ConfigError::value(
+                "observe_sensors",
+                "must list link1_gauge, link2_gauge, tip_accelerometer and tip_gyro at most once \
+                 each",
+                json!(self.observe_sensors),
             ));
         }
         if let Some(law) = &self.inner_law {

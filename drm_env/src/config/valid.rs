@@ -19,7 +19,8 @@ impl ValidConfig {
     /// # Errors
     /// See [`EnvConfig::validate`].
     pub fn new(config: EnvConfig) -> Result<Self, ConfigError> {
-        Arc::new(config).try_into()
+        config.validate()?;
+        Ok(Self::of_valid(config))
     }
 
     /// See [`EnvConfig::resolve`], which checks.
@@ -31,7 +32,14 @@ impl ValidConfig {
         config: Option<&str>,
         options: Option<&str>,
     ) -> Result<Self, ConfigError> {
-        EnvConfig::resolve(preset, config, options).map(|config| Self(Arc::new(config)))
+        EnvConfig::resolve(preset, config, options).map(Self::of_valid)
+    }
+
+    /// Of a configuration that has been checked, with the instruments that are observed.
+    fn of_valid(mut config: EnvConfig) -> Self {
+        let EnvConfig { scenario, task, .. } = &mut config;
+        scenario.sensors.fit(task.instruments());
+        Self(Arc::new(config))
     }
 
     /// The manoeuvre that its environments fly, if they draw nothing.
@@ -45,8 +53,7 @@ impl TryFrom<Arc<EnvConfig>> for ValidConfig {
     type Error = ConfigError;
 
     fn try_from(config: Arc<EnvConfig>) -> Result<Self, ConfigError> {
-        config.validate()?;
-        Ok(Self(config))
+        Self::new(Arc::unwrap_or_clone(config))
     }
 }
 

@@ -2,7 +2,7 @@
 //! randomness, not batches.
 
 use crate::config::scenario::Scenario;
-use crate::config::{EnvConfig, ObservePayload, Task};
+use crate::config::{EnvConfig, ObservePayload, ObservedSensor, Task};
 use crate::error::ConfigError;
 use crate::reference::Extension;
 use crate::simd::functions::asinh;
@@ -87,6 +87,16 @@ const MEAN_TIP_RATE_FINE: f64 = 0.01;
 /// time: name, unit, scale.
 const MISSING: (&str, &str, f64) = ("missing_torque", "N m", 100.0);
 
+/// Entry of an instrument, if it is asked for: name, unit, scale.
+const fn sensor_entry(sensor: ObservedSensor) -> (&'static str, &'static str, f64) {
+    match sensor {
+        ObservedSensor::Link1Gauge => ("link1_moment", "N m", 2000.0),
+        ObservedSensor::Link2Gauge => ("link2_moment", "N m", 1000.0),
+        ObservedSensor::TipAccelerometer => ("tip_acceleration", "m/s^2", 1.0),
+        ObservedSensor::TipGyro => ("tip_turn_rate", "rad/s", 0.2),
+    }
+}
+
 /// Entries of each preview time: name, unit, scale.
 const PREVIEW: [(&str, &str, f64); 2] = [
     ("reference_accel", "rad/s^2", 0.02),
@@ -132,6 +142,10 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
             frame.push((format!("{missing}+{time}s"), newton_metres, torque));
         }
     }
+    for sensor in &task.observe_sensors {
+        let (name, unit, scale) = sensor_entry(*sensor);
+        frame.push((name.to_owned(), unit, scale));
+    }
     (0..task.observation_history)
         .rev()
         .flat_map(|age| {
@@ -159,7 +173,13 @@ pub fn frame_size(task: &Task) -> usize {
     let missing = usize::from(task.observe_payload_estimate);
     let estimated = (ESTIMATED.len() + 1) * missing;
     let preview = (PREVIEW.len() + missing) * task.preview_times.len();
-    FIXED.len() + MOMENTUM.len() + identified + tip_error + estimated + preview
+    FIXED.len()
+        + MOMENTUM.len()
+        + identified
+        + tip_error
+        + estimated
+        + preview
+        + task.observe_sensors.len()
 }
 
 /// What is told of the payload: its mass (kg), length and width (m).
@@ -292,11 +312,16 @@ pub(crate) fn observe<'a, T: Number>(
             entries[ESTIMATED.len()] = lacking(&extension, rate, accel);
             preview = rest;
         }
+        let entries = PREVIEW.len() + usize::from(missing);
+        let (preview, sensors) = preview.split_at_mut(entries * task.preview_times.len());
+        for (entry, sensor) in sensors.iter_mut().zip(&task.observe_sensors) {
+            let (_, _, scale) = sensor_entry(*sensor);
+            *entry = scaled(read_by(flight, *sensor).lane(lane), scale);
+        }
         let timeline = flight.timeline_of(lane);
         let now = clock.time.lane(lane);
         let mut index = flight.piece_of(lane);
         let mut last = 0.0;
-        let entries = PREVIEW.len() + usize::from(missing);
         for (group, ahead) in preview.chunks_exact_mut(entries).zip(&task.preview_times) {
             if *ahead < last {
                 index = flight.piece_of(lane);
@@ -314,6 +339,18 @@ pub(crate) fn observe<'a, T: Number>(
                 *entry = lacking(&extension, rate, accel);
             }
         }
+    }
+}
+
+/// What an instrument reads.
+#[inline(always)]
+fn read_by<T: Number>(flight: &Flight<T>, sensor: ObservedSensor) -> T {
+    let [link1, link2, tip] = flight.measured_by_instruments();
+    match sensor {
+        ObservedSensor::Link1Gauge => link1,
+        ObservedSensor::Link2Gauge => link2,
+        ObservedSensor::TipAccelerometer => tip,
+        ObservedSensor::TipGyro => flight.measured_tip_rate(),
     }
 }
 

@@ -85,10 +85,11 @@ impl Stream {
         ))
     }
 
-    /// Another stream of the same seed, episode and purpose.
+    /// Another stream of the same seed, episode and purpose, `which` of some.
     #[must_use]
-    pub(crate) fn beside(&self) -> Self {
-        let [high, low] = [0x7469_705f_6779_726f, 0x6265_7369_6465_2121].map(mixed);
+    pub(crate) fn beside(&self, which: u64) -> Self {
+        let words: [u64; 2] = [0x7469_705f_6779_726f, 0x6265_7369_6465_2121];
+        let [high, low] = words.map(|word| mixed(word ^ which));
         let other = (u128::from(high) << 64) | u128::from(low);
         let (state, increment) = self.words().unwrap_or_default();
         Self(Pcg64::new(state ^ other, (increment >> 1) ^ other))

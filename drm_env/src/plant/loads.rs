@@ -55,6 +55,8 @@ pub struct InertiaLoads {
     pub deployment: f64,
     /// Acceleration of the payload's centre of mass, its magnitude.
     pub payload_acceleration: f64,
+    /// Acceleration of the tip, where link 2 carries tip wheel and payload, across the link there.
+    pub tip_acceleration: f64,
     /// Angular momentum about the shoulder as far as it is linear in the rates of the undeflected arm,
     /// N m s: what the drawing near takes, and squares of deflections, are added by who knows them.
     pub momentum: f64,
@@ -152,6 +154,14 @@ impl LoadModel {
             outside,
             link1,
         }
+    }
+
+    /// Memory of it beside itself, bytes, about.
+    pub(crate) fn bytes(&self) -> usize {
+        let shapes = self.field.size() * size_of::<ShapeValue>();
+        self.rule.len() * size_of::<(f64, f64)>()
+            + self.outside.len() * (size_of::<Node>() + shapes)
+            + shapes
     }
 
     /// The loads of a motion.
@@ -308,6 +318,7 @@ impl LoadModel {
             * (distance * (centre[1] + distance * frame.rate + ad * centre_drift[0])
                 - shifted * (centre[0] + off));
         sums.momentum += load.inertia_on_axis() * (frame.rate + slope[1] + ad * slope_drift[0]);
+        let mount = frame.acceleration(&moved(l1 + a, [ad, add], tip, [turn[0], turn[1]], 0.0));
         let tangent = turn[0];
         InertiaLoads {
             base: sums.force,
@@ -315,6 +326,7 @@ impl LoadModel {
             moment: sums.moment - motion.tip_torque,
             deployment: sums.deployment,
             payload_acceleration: libm::hypot(acceleration[0], acceleration[1]),
+            tip_acceleration: mount[1] * libm::cos(slope[0]) - mount[0] * libm::sin(slope[0]),
             momentum: sums.momentum,
             tip: tip[0],
         }
@@ -417,6 +429,13 @@ mod tests {
             let (_, a) = self.now(t);
             let arm = &self.field.arm;
             self.fixed(t, arm.link1.length + a - arm.link2.length + own)
+        }
+
+        /// Where link 2 ends.
+        fn tip(&self, t: f64) -> [f64; 2] {
+            let (q, a) = self.now(t);
+            let w = Self::value(&self.field.tip(a).deflection, &q);
+            Self::space(&q, [self.field.arm.link1.length + a, w])
         }
 
         fn payload(&self, t: f64) -> [f64; 2] {
@@ -539,6 +558,10 @@ mod tests {
             );
             let payload = libm::hypot(load[0], load[1]);
             assert!((found.payload_acceleration - payload).abs() < 1e-7);
+            let [ax, ay] = accel(&|t| path.tip(t));
+            let turned = path.turn(0.0);
+            let across = ay * turned.cos() - ax * turned.sin();
+            assert!((found.tip_acceleration - across).abs() < 1e-7);
             // the work of all inertia forces along a small extension, and what the bending takes
             let h = 1e-4;
             let ahead = |sign: f64| Path {

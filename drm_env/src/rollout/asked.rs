@@ -5,6 +5,7 @@ use crate::config::mission::ValidMission;
 use crate::config::scenario::ValidScenario;
 use crate::error::{ConfigError, Error, SimulationError};
 use crate::hardware::reaction_wheel::WheelTorques;
+use crate::hardware::sensors::INSTRUMENTS;
 use crate::interruption;
 use crate::math::rng::Seed;
 use crate::memory;
@@ -21,13 +22,16 @@ use super::place::{After, Ended, Place, begin};
 use super::recorder::{Recorder, Recording};
 
 /// Numbers that a law is told of each manoeuvre.
-pub const TOLD: usize = 15;
+pub const TOLD: usize = GYRO + 1 + INSTRUMENTS;
 
 /// Numbers of the measurement before the payload.
 const SEEN: usize = 11;
 
-/// What a law is told, in the order of the columns: the measurement, the payload as reported, and what the
-/// gyro at the tip wheel measures.
+/// Place of what the gyro at the tip wheel measures.
+const GYRO: usize = SEEN + 3;
+
+/// What a law is told, in the order of the columns: the measurement, the payload as reported, what the gyro at
+/// the tip wheel measures, and strain gauges and accelerometer: 0 of one that is not there.
 pub const TOLD_NAMES: [&str; TOLD] = [
     "slew_error",
     "slew_error_rate",
@@ -44,6 +48,9 @@ pub const TOLD_NAMES: [&str; TOLD] = [
     "payload_length",
     "payload_width",
     "tip_turn_rate",
+    "link1_moment",
+    "link2_moment",
+    "tip_acceleration",
 ];
 
 /// A law that is asked: for what is told of every manoeuvre, the torques of root and tip wheel of each, N m,
@@ -99,11 +106,7 @@ impl<'a> Flying<'a> {
     /// Takes up what is reported of the payload, which stays as it is through a leg.
     fn hear(&mut self) -> Result<(), ConfigError> {
         let reported = self.flight.scenario().reported()?;
-        self.told[SEEN..TOLD - 1].copy_from_slice(&[
-            reported.mass,
-            reported.length,
-            reported.width,
-        ]);
+        self.told[SEEN..GYRO].copy_from_slice(&[reported.mass, reported.length, reported.width]);
         Ok(())
     }
 
@@ -111,7 +114,9 @@ impl<'a> Flying<'a> {
     fn look(&mut self) -> [f64; TOLD] {
         if self.ended.is_none() {
             let seen = self.flight.measurement();
-            self.told[TOLD - 1] = self.flight.measured_tip_rate();
+            self.told[GYRO] = self.flight.measured_tip_rate();
+            let read = self.flight.measured_by_instruments();
+            self.told[GYRO + 1..].copy_from_slice(&read);
             self.told[..SEEN].copy_from_slice(&[
                 seen.slew_error,
                 seen.slew_error_rate,

@@ -34,7 +34,7 @@ use queue::Queue;
 pub use asked::{Asked, TOLD, TOLD_NAMES, fly_asked, fly_missions_asked};
 pub use law::Schedule;
 pub use pilot::Pilot;
-pub use recorder::{Recording, Trajectories, recordable};
+pub use recorder::{Beside, Recording, Trajectories, recordable};
 pub use trajectory::{MAX_BYTES, SIGNAL_NAMES, Trajectory, signals, signals_from, simulate};
 
 /// How a rollout is flown.
@@ -228,6 +228,7 @@ fn fly_watched(
                 scenarios,
                 missions,
                 seeds,
+                instruments: pilot.instruments(),
                 recording,
                 next: &next,
                 stop: &stop,
@@ -280,18 +281,18 @@ pub fn fly_one(
     Ok(Trajectory::of_rows(&kept.rows, metrics))
 }
 
-/// One manoeuvre with everything that can be kept of it.
+/// One manoeuvre with what is wanted beside its signals.
 #[derive(Debug, Clone)]
 pub struct LoadedTrajectory {
-    /// Names of [`recordable`] with their values, SI, angles in radians.
+    /// Names with their values, SI, angles in radians: the signals, loads and measurements.
     pub signals: Vec<(&'static str, Vec<f64>)>,
     /// Metrics of the manoeuvre.
     pub metrics: Metrics,
-    /// Its loads.
+    /// Its loads, if they are wanted.
     pub loads: LoadMetrics,
 }
 
-/// [`fly_one`] with the loads beside the signals.
+/// [`fly_one`] with loads or measurements beside the signals.
 ///
 /// # Errors
 /// See [`fly`].
@@ -300,9 +301,10 @@ pub fn fly_one_loaded(
     pilot: &Pilot<'_>,
     every: usize,
     seed: Seed,
+    beside: Beside,
 ) -> Result<LoadedTrajectory, Error> {
-    let names = recordable();
-    let recording = Recording::new(&names, every)?.with_loads();
+    let names = beside.names();
+    let recording = beside.recording(every)?;
     let Ended { metrics, kept, .. } = fly_here(scenario, pilot, &recording, seed)?;
     let column = |first| kept.rows.iter().skip(first).step_by(names.len()).copied();
     let signals = names.iter().enumerate();
@@ -331,6 +333,7 @@ fn fly_here(
         scenarios,
         missions: None,
         seeds: &[seed],
+        instruments: pilot.instruments(),
         recording: Some(recording),
         next: &AtomicUsize::new(0),
         stop: &AtomicBool::new(false),
@@ -343,7 +346,7 @@ fn fly_here(
 }
 
 /// Flies one mission and keeps every signal of every `every`-th sample, as [`fly_one`] does a manoeuvre,
-/// with the loads if they are wanted; also what has been of its legs.
+/// with what is wanted beside them; also what has been of its legs.
 ///
 /// # Errors
 /// See [`fly_missions`].
@@ -352,13 +355,9 @@ pub fn fly_one_mission(
     pilot: &Pilot<'_>,
     every: usize,
     seed: Seed,
-    loads: bool,
+    beside: Beside,
 ) -> Result<(LoadedTrajectory, Vec<LegRecord>), Error> {
-    let recording = if loads {
-        Recording::new(&recordable(), every)?.with_loads()
-    } else {
-        Recording::new(&SIGNAL_NAMES, every)?
-    };
+    let recording = beside.recording(every)?;
     let options = Options {
         threads: Some(1),
         recording: Some(recording),

@@ -11,6 +11,7 @@ use crate::env::observation::told_payload;
 use crate::env::pack::EnvPack;
 use crate::env::setup::Setup;
 use crate::error::{ConfigError, SimulationError};
+use crate::hardware::sensors::INSTRUMENTS;
 use crate::simd::dispatch::{Vector, Work, variants};
 use crate::simd::mask::everyone;
 use crate::simd::mask::lanes_of;
@@ -81,6 +82,11 @@ impl<'a> NetworkPilot<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Instruments that the network sees.
+    pub(super) fn instruments(&self) -> [bool; INSTRUMENTS] {
+        self.setup.config.task.instruments()
     }
 
     /// What is told of the payload of a flight: mass (kg), length and width (m).

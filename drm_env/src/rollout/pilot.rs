@@ -6,6 +6,7 @@ use crate::config::scenario::ValidScenario;
 use crate::control::Law;
 use crate::control::mlp::Network;
 use crate::error::ConfigError;
+use crate::hardware::sensors::INSTRUMENTS;
 use crate::interruption;
 use crate::simd::dispatch::Vector;
 
@@ -92,6 +93,14 @@ impl<'a> Pilot<'a> {
             return Err(ConfigError::form("mission", message));
         }
         Ok(())
+    }
+
+    /// Instruments that it sees: they are fitted to what it flies.
+    pub(super) fn instruments(&self) -> [bool; INSTRUMENTS] {
+        match &self.0 {
+            Kind::Commands(_) => [false; INSTRUMENTS],
+            Kind::Network(pilot) => pilot.instruments(),
+        }
     }
 
     /// Refuses one manoeuvre that it cannot fly, by the manoeuvre's own names.

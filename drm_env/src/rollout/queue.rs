@@ -6,6 +6,7 @@ use std::sync::mpsc::SyncSender;
 use crate::config::mission::ValidMission;
 use crate::config::scenario::ValidScenario;
 use crate::error::Error;
+use crate::hardware::sensors::INSTRUMENTS;
 use crate::math::rng::Seed;
 use crate::simulation::Flight;
 use crate::simulation::course::Course;
@@ -24,6 +25,8 @@ pub(super) struct Queue<'a> {
     /// Missions, each with the scenario in the same place; none are single manoeuvres.
     pub(super) missions: Option<&'a [ValidMission]>,
     pub(super) seeds: &'a [Seed],
+    /// Instruments that are fitted whatever the scenarios say.
+    pub(super) instruments: [bool; INSTRUMENTS],
     pub(super) recording: Option<&'a Recording>,
     pub(super) next: &'a AtomicUsize,
     pub(super) stop: &'a AtomicBool,
@@ -38,9 +41,10 @@ impl<'a> Queue<'a> {
                 return None;
             }
             let index = self.next.fetch_add(1, Ordering::Relaxed);
-            let scenario = self.scenarios.get(index)?;
+            let scenario = self.scenarios.get(index)?.fitted(self.instruments);
             let mission = self.missions.map(|missions| &missions[index]);
-            match begin(scenario, mission, self.seeds[index]) {
+            let mission = mission.map(|mission| mission.fitted(self.instruments));
+            match begin(&scenario, mission.as_ref(), self.seeds[index]) {
                 Ok((flight, course)) => return Some((index, flight, course)),
                 Err(error) => {
                     let error = error.within(&format!("scenarios[{index}]"));

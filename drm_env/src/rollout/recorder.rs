@@ -3,6 +3,7 @@
 use crate::config::mission::ValidMission;
 use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
+use crate::hardware::sensors::{MEASURED_NAMES, OUTPUTS};
 use crate::interruption;
 use crate::memory;
 use crate::simd::mask::everyone;
@@ -19,19 +20,77 @@ use super::trajectory::{
     MAX_BYTES, Row, SIGNAL_NAMES, apply_torques, last_row, move_row, signals_of, torques_of,
 };
 
-/// Name of a column: the signals, and behind them the loads.
-fn column_name(column: usize) -> &'static str {
-    match column.checked_sub(SIGNAL_NAMES.len()) {
-        None => SIGNAL_NAMES[column],
-        Some(load) => LOAD_NAMES[load],
+/// Where a column comes from, and its place there.
+#[derive(Debug, Clone, Copy)]
+enum Column {
+    Signal(usize),
+    Load(usize),
+    Measured(usize),
+}
+
+/// What stands in a column: the signals, behind them the loads, then what is measured.
+fn origin_of(column: usize) -> Column {
+    const LOADS: usize = SIGNAL_NAMES.len();
+    const MEASURED: usize = LOADS + LOAD_NAMES.len();
+    match column {
+        ..LOADS => Column::Signal(column),
+        LOADS..MEASURED => Column::Load(column - LOADS),
+        _ => Column::Measured(column - MEASURED),
     }
 }
 
-/// Names of everything that can be kept, the loads behind the signals; what is both is a signal.
+fn column_name(column: usize) -> &'static str {
+    match origin_of(column) {
+        Column::Signal(i) => SIGNAL_NAMES[i],
+        Column::Load(i) => LOAD_NAMES[i],
+        Column::Measured(i) => MEASURED_NAMES[i],
+    }
+}
+
+/// What is kept of one manoeuvre beside the signals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Beside {
+    /// The loads, with their peaks and root mean squares.
+    pub loads: bool,
+    /// What is measured, see [`MEASURED_NAMES`].
+    pub measured: bool,
+}
+
+impl Beside {
+    /// Names of the signals and of what is kept beside them, in order; what is both is a signal.
+    pub(super) fn names(self) -> Vec<&'static str> {
+        let loads = if self.loads { &LOAD_NAMES[..] } else { &[] };
+        let measured = if self.measured {
+            &MEASURED_NAMES[..]
+        } else {
+            &[]
+        };
+        let more = loads.iter().filter(|name| !SIGNAL_NAMES.contains(name));
+        let all = SIGNAL_NAMES.iter().chain(more).chain(measured);
+        all.copied().collect()
+    }
+
+    /// Keeps all of it, every `every`-th sample.
+    ///
+    /// # Errors
+    /// `every` of 0.
+    pub(super) fn recording(self, every: usize) -> Result<Recording, ConfigError> {
+        let recording = Recording::new(&self.names(), every)?;
+        Ok(if self.loads {
+            recording.with_loads()
+        } else {
+            recording
+        })
+    }
+}
+
+/// Names of everything that can be kept.
 pub fn recordable() -> Vec<&'static str> {
-    let loads = LOAD_NAMES.into_iter();
-    let more = loads.filter(|name| !SIGNAL_NAMES.contains(name));
-    SIGNAL_NAMES.into_iter().chain(more).collect()
+    let all = Beside {
+        loads: true,
+        measured: true,
+    };
+    all.names()
 }
 
 /// Numbers that are written between two looks whether the work shall stop.
@@ -40,7 +99,7 @@ const NUMBERS_BETWEEN_POLLS: usize = 1 << 20;
 /// Which signals of each manoeuvre are kept, and how often.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recording {
-    /// Places in [`SIGNAL_NAMES`], and behind them in [`LOAD_NAMES`].
+    /// Places in [`SIGNAL_NAMES`], behind them in [`LOAD_NAMES`], and behind these in [`MEASURED_NAMES`].
     columns: Vec<usize>,
     every: usize,
     /// Whether peaks and mean squares of the loads are wanted.
@@ -64,7 +123,10 @@ impl Recording {
         let mut columns = Vec::with_capacity(signals.len());
         for (index, name) in signals.iter().map(AsRef::as_ref).enumerate() {
             let path = format!("signals[{index}]");
-            let mut known = SIGNAL_NAMES.iter().chain(&LOAD_NAMES);
+            let mut known = SIGNAL_NAMES
+                .iter()
+                .chain(&LOAD_NAMES)
+                .chain(&MEASURED_NAMES);
             let Some(column) = known.position(|known| *known == name) else {
                 let requirement = format!("must be one of {}", recordable().join(", "));
                 return Err(ConfigError::value(path, requirement, name));
@@ -101,7 +163,7 @@ impl Recording {
             || self
                 .columns
                 .iter()
-                .any(|column| *column >= SIGNAL_NAMES.len())
+                .any(|column| matches!(origin_of(*column), Column::Load(_)))
     }
 
     /// Rows of a manoeuvre that is not cut short.
@@ -197,7 +259,7 @@ pub(super) struct Recorder<'a> {
     /// The rows of each lane, one after the other.
     kept: Vec<Vec<f64>>,
     /// Rows whose torques are not known yet, and their lanes, a bit each.
-    open: Vec<Row>,
+    open: Vec<(Row, [f64; OUTPUTS])>,
     opened: u32,
     /// Samples in which no lane has a row.
     quiet: usize,
@@ -213,7 +275,7 @@ impl<'a> Recorder<'a> {
         Self {
             recording,
             kept: vec![Vec::new(); lanes],
-            open: vec![[0.0; SIGNAL_NAMES.len()]; lanes],
+            open: vec![([0.0; SIGNAL_NAMES.len()], [0.0; OUTPUTS]); lanes],
             opened: 0,
             quiet: 0,
             origins: vec![None; lanes],
@@ -247,7 +309,8 @@ impl<'a> Recorder<'a> {
             let row = last_row(flight, lane, driven);
             self.open_loads(flight, lane);
             let loads = self.close_loads(lane, torques_of(&row));
-            self.keep(lane, &row, loads.as_ref());
+            let measured = flight.all_measured_in(lane);
+            self.keep(lane, &(row, measured), loads.as_ref());
         }
         self.origins[lane] = None;
         let loaded = self.loaded[lane].take();
@@ -260,14 +323,16 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn keep(&mut self, lane: usize, row: &Row, loads: Option<&Loads>) {
-        let mut row = *row;
+    fn keep(&mut self, lane: usize, seen: &(Row, [f64; OUTPUTS]), loads: Option<&Loads>) {
+        let (mut row, mut measured) = *seen;
         if let Some(origin) = self.origins[lane] {
             move_row(&mut row, (origin.time, origin.angle));
+            measured[0] += origin.angle;
         }
-        let value = |column: &usize| match column.checked_sub(SIGNAL_NAMES.len()) {
-            None => row[*column],
-            Some(load) => loads.map_or(f64::NAN, |loads| loads[load]),
+        let value = |column: &usize| match origin_of(*column) {
+            Column::Signal(i) => row[i],
+            Column::Load(i) => loads.map_or(f64::NAN, |loads| loads[i]),
+            Column::Measured(i) => measured[i],
         };
         self.kept[lane].extend(self.recording.columns.iter().map(value));
     }
@@ -312,7 +377,8 @@ impl<T: Number> StepHook<T> for Recorder<'_> {
         for lane in lanes_of(everyone::<T>() & !flight.resting()) {
             let past = flight.common.sample.lane(lane) as usize % every;
             if past == 0 {
-                self.open[lane] = signals_of(flight, lane, [0.0; 3]);
+                let row = signals_of(flight, lane, [0.0; 3]);
+                self.open[lane] = (row, flight.all_measured_in(lane));
                 self.opened |= 1 << lane;
             }
             if past == 0 || self.recording.loads {
@@ -335,9 +401,9 @@ impl<T: Number> StepHook<T> for Recorder<'_> {
             let torques = flight.common.torques.lane_of(lane);
             let loads = self.close_loads(lane, torques);
             if opened >> lane & 1 == 1 {
-                let mut row = self.open[lane];
+                let (mut row, measured) = self.open[lane];
                 apply_torques(&mut row, flight, lane, torques);
-                self.keep(lane, &row, loads.as_ref());
+                self.keep(lane, &(row, measured), loads.as_ref());
             }
         }
     }

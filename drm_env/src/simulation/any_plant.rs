@@ -107,7 +107,8 @@ impl<T: Number> Outputs<T> {
         sum
     }
 
-    /// Slew angle and rate, link-2 tip deflection 2 beta and its rate, and the rate at which the tip turns.
+    /// Slew angle and rate, link-2 tip deflection 2 beta and its rate, and the rate at which the tip turns; what
+    /// instruments read follows from accelerations, which are not known here.
     #[inline(always)]
     pub fn measurable(&self, tip_turn_rate: T) -> [T; OUTPUTS] {
         let Self { slew, beta, .. } = self;
@@ -117,6 +118,9 @@ impl<T: Number> Outputs<T> {
             beta[0] * LINK_END_DEFLECTION,
             beta[1] * LINK_END_DEFLECTION,
             tip_turn_rate,
+            T::splat(0.0),
+            T::splat(0.0),
+            T::splat(0.0),
         ]
     }
 }

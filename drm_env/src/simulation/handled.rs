@@ -76,6 +76,38 @@ impl<T: Number> Flight<T> {
         self.handling_of(lane).is_some_and(Handling::holds)
     }
 
+    /// Torque that holds the shoulder of a lane now (N m) under those of root and tip wheel, where something holds
+    /// it.
+    pub(super) fn held_torque(
+        &self,
+        lane: usize,
+        extension: &Extension<f64>,
+        [root, tip]: [f64; 2],
+    ) -> Option<f64> {
+        let handling = self.handling_of(lane).filter(|handling| handling.holds())?;
+        let accel = if handling.locked {
+            let time = self.clock.time.lane(lane);
+            handling.motion(time).at(time).2
+        } else {
+            let [angle, rate] = self.outputs().slew.map(|value| value.lane(lane));
+            let reference = self.clock.reference.lane_of(lane);
+            let guide = Guide::Reference {
+                time: 0.0,
+                error: angle - reference.angle,
+                rate: rate - reference.rate,
+            };
+            guide.at(0.0).2
+        };
+        let (body, motion) = (self.body.one(lane), self.in_space(lane));
+        let switches = [self.shared.axial_load, self.shared.particle_following];
+        let [idle, pushed] = [0.0, 1.0].map(|slew| {
+            let torques = Torques { slew, root, tip };
+            accelerations(&body, &motion, extension, &torques, switches)
+        });
+        let (idle, pushed) = (idle?, pushed?);
+        Some((accel - idle[0]) / (pushed[0] - idle[0]))
+    }
+
     /// Gives the wheels that are run down their torques, and none to the others of a braked arm.
     #[inline(never)]
     pub(super) fn overrule(&self, command: &mut WheelTorques<T>) {

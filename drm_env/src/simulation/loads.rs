@@ -2,11 +2,12 @@
 //! beside the flight for who asks; neither episodes nor snapshots know of them.
 
 use super::Flight;
+use crate::hardware::sensors::INSTRUMENTS;
 use crate::hardware::slew_motor::{
     ARMATURE_RESISTANCE, BACK_EMF_CONSTANT, CurrentGains, GEAR_RATIO,
 };
 use crate::plant::consistent::{CAPACITY, ConsistentPlant};
-use crate::plant::loads::{LoadModel, Moving};
+use crate::plant::loads::{InertiaLoads, LoadModel, Moving};
 use crate::plant::thesis::{Constants, Prepared};
 use crate::plant::{RigidInertia, Torques};
 use crate::reference::Extension;
@@ -131,6 +132,11 @@ impl LoadMeter {
         })
     }
 
+    /// Memory of it, bytes, about; an arm that others have too is not counted.
+    pub(super) fn bytes(&self) -> usize {
+        size_of::<Self>() + size_of::<Constants<f64>>() + self.model.bytes()
+    }
+
     /// The present instant of the manoeuvre in a lane.
     pub(crate) fn look<T: Number>(&self, flight: &Flight<T>, lane: usize) -> Before {
         let clock = flight.clock.lane_of(lane);
@@ -147,16 +153,15 @@ impl LoadMeter {
         }
     }
 
-    /// The loads then, under the torques of slew motor (or brakes), root and tip wheel (N m).
-    pub(crate) fn at(&self, before: &Before, torques: [f64; 3]) -> Loads {
-        let Before {
-            motion,
-            extension,
-            reference,
-            momenta,
-            energy,
-        } = before;
-        let [slew, root, tip] = torques;
+    /// What follows from inertia under the torques of slew motor (or brakes), root and tip wheel (N m), the slew
+    /// angle (rad), and what squares of deflections add to the angular momentum (N m s); nothing of a motion of
+    /// another plant.
+    fn inertia_loads(
+        &self,
+        motion: &Motion<f64>,
+        extension: &Extension<f64>,
+        [slew, root, tip]: [f64; 3],
+    ) -> Option<(InertiaLoads, f64, f64)> {
         let all = Torques { slew, root, tip };
         let (mut q, mut v, mut accel) = ([0.0; CAPACITY], [0.0; CAPACITY], [0.0; CAPACITY]);
         let turned = match (&self.body, motion) {
@@ -188,7 +193,7 @@ impl LoadMeter {
                 (q, v, accel) = (seen.state.q, seen.state.v, found.accel);
                 found.turned_momentum
             }
-            _ => return [f64::NAN; LOAD_NAMES.len()],
+            _ => return None,
         };
         let found = self.model.at(&Moving {
             q: &q,
@@ -197,7 +202,38 @@ impl LoadMeter {
             extension,
             tip_torque: tip,
         });
-        let (sin, cos) = (libm::sin(q[0]), libm::cos(q[0]));
+        Some((found, q[0], turned))
+    }
+
+    /// What strain gauges at the roots of link 1 and link 2 (bending moments, N m) and an accelerometer at the
+    /// tip (m/s^2) read under torques, which are those of [`LoadMeter::at`].
+    pub(super) fn readings(
+        &self,
+        motion: &Motion<f64>,
+        extension: &Extension<f64>,
+        torques: [f64; 3],
+    ) -> [f64; INSTRUMENTS] {
+        let [slew, root, _] = torques;
+        self.inertia_loads(motion, extension, torques)
+            .map_or([f64::NAN; INSTRUMENTS], |(found, ..)| {
+                [slew + root, found.moment, found.tip_acceleration]
+            })
+    }
+
+    /// The loads then, under the torques of slew motor (or brakes), root and tip wheel (N m).
+    pub(crate) fn at(&self, before: &Before, torques: [f64; 3]) -> Loads {
+        let Before {
+            motion,
+            extension,
+            reference,
+            momenta,
+            energy,
+        } = before;
+        let [slew, root, _] = torques;
+        let Some((found, angle, turned)) = self.inertia_loads(motion, extension, torques) else {
+            return [f64::NAN; LOAD_NAMES.len()];
+        };
+        let (sin, cos) = (libm::sin(angle), libm::cos(angle));
         let turn =
             |[along, across]: [f64; 2]| [along * cos - across * sin, along * sin + across * cos];
         let [base_x, base_y] = turn(found.base);

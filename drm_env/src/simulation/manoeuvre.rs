@@ -3,6 +3,7 @@
 use crate::config::handling::Handling;
 use crate::hardware::delay::DelayLines;
 use crate::reference::timeline::Timeline;
+use crate::simulation::instruments::Instruments;
 use crate::simulation::plan::ScenarioDelta;
 use std::sync::Arc;
 
@@ -16,6 +17,8 @@ pub(super) struct Manoeuvre {
     pub(super) ideal_wheels: bool,
     /// Delay lines and noise where there are any.
     pub(super) lines: Option<Box<DelayLines>>,
+    /// Gauges and accelerometer where there are any.
+    pub(super) instruments: Option<Arc<Instruments>>,
     /// What a leg of a mission does beside its manoeuvre.
     pub(super) handling: Option<Arc<Handling>>,
 }

@@ -11,6 +11,7 @@ mod divergence;
 mod handled;
 pub(crate) mod hook;
 pub mod identification;
+mod instruments;
 mod lanes;
 mod law_model;
 pub mod loads;
@@ -31,7 +32,7 @@ use crate::config::distribution::Setting;
 use crate::config::scenario::Scenario;
 use crate::control::Measurement;
 use crate::hardware::reaction_wheel::WheelTorques;
-use crate::hardware::sensors::OUTPUTS;
+use crate::hardware::sensors::{INSTRUMENTS, OUTPUTS, TIP_RATE};
 use crate::plant::RigidInertia;
 use crate::reference::timeline::Timeline;
 use crate::simd::{Laned, Number};
@@ -62,8 +63,7 @@ pub struct Flight<T: Number = f64> {
     clock: Clock<T>,
     pub(crate) common: LaneState<T>,
     motion: Motion<T>,
-    /// Slew angle and rate, link-2 tip deflection and its rate, and the rate at which the tip turns as
-    /// measured, where that is not what they are.
+    /// The measured outputs, see [`OUTPUTS`], where they are not what they are without sensors.
     measured: Option<Box<[T; OUTPUTS]>>,
     /// Squared torque fractions of both wheels over the last sample.
     effort: T,
@@ -108,7 +108,7 @@ impl<T: Number> Flight<T> {
     /// Slew angle (rad) and rate (rad/s), link-2 tip deflection (m) and its rate (m/s) as measured.
     #[inline(always)]
     pub fn measured(&self) -> [T; 4] {
-        let [angle, rate, deflection, deflection_rate, _] = match &self.measured {
+        let [angle, rate, deflection, deflection_rate, ..] = match &self.measured {
             Some(measured) => **measured,
             None => self.outputs().measurable(T::splat(0.0)),
         };
@@ -119,7 +119,7 @@ impl<T: Number> Flight<T> {
     #[inline(always)]
     pub fn measured_tip_rate(&self) -> T {
         match &self.measured {
-            Some(measured) => measured[OUTPUTS - 1],
+            Some(measured) => measured[TIP_RATE],
             None => self.tip_turn_rate(),
         }
     }
@@ -130,7 +130,18 @@ impl<T: Number> Flight<T> {
         self.body.tip_turn_rate(&self.motion, &self.clock.extension)
     }
 
-    /// All that can be measured, as it is.
+    /// Bending moments at the roots of link 1 and link 2 (N m) as strain gauges measure them, and acceleration
+    /// of the tip (m/s^2) as an accelerometer does; 0 of an instrument that is not there.
+    #[inline(always)]
+    pub(crate) fn measured_by_instruments(&self) -> [T; INSTRUMENTS] {
+        let none = T::splat(0.0);
+        self.measured.as_ref().map_or([none; INSTRUMENTS], |all| {
+            let [.., link1, link2, tip] = **all;
+            [link1, link2, tip]
+        })
+    }
+
+    /// All that can be measured, as it is, but for what the instruments read.
     #[inline(always)]
     fn measurable(&self) -> [T; OUTPUTS] {
         self.outputs().measurable(self.tip_turn_rate())
@@ -261,7 +272,9 @@ impl<T: Number> Flight<T> {
     /// Memory of it, bytes, about: less where lanes have the same.
     pub(crate) fn bytes(&self) -> usize {
         let lines = |lane: &Manoeuvre| lane.lines.as_ref().map_or(0, |lines| lines.bytes());
-        let lanes: usize = self.manoeuvres.iter().map(lines).sum();
+        let instruments = |lane: &Manoeuvre| lane.instruments.as_ref().map_or(0, |all| all.bytes());
+        let each = |lane: &Manoeuvre| lines(lane) + instruments(lane);
+        let lanes: usize = self.manoeuvres.iter().map(each).sum();
         size_of::<Self>()
             + size_of::<Scenario>()
             + self.manoeuvres.len() * (size_of::<Manoeuvre>() + size_of::<[Setting; 4]>())

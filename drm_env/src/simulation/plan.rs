@@ -11,7 +11,6 @@ use crate::config::scenario::{Scenario, ValidScenario};
 use crate::error::ConfigError;
 use crate::hardware::delay::Delays;
 use crate::hardware::reaction_wheel::Wheel;
-use crate::hardware::sensors::OUTPUTS;
 use crate::plant::RigidInertia;
 use crate::reference::shaping::ShaperKind;
 use crate::reference::timeline::Timeline;
@@ -168,9 +167,7 @@ impl Plan {
 
     /// Whether commands and outputs pass as they are.
     pub(crate) fn is_plain(&self) -> bool {
-        let sensors = &self.scenario.sensors;
-        let exact = |values: [f64; OUTPUTS]| values.iter().all(|&value| value == 0.0);
-        self.delays.none() && exact(sensors.noise()) && exact(sensors.resolution())
+        self.delays.none() && self.scenario.sensors.are_exact()
     }
 
     /// Whether both wheels follow their commands at once and store any momentum.

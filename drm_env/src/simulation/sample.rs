@@ -2,6 +2,7 @@
 
 use super::Flight;
 use crate::hardware::reaction_wheel::{WheelState, WheelTorques};
+use crate::hardware::sensors::{INSTRUMENTS, OUTPUTS};
 use crate::interruption;
 use crate::reference::timeline::SAME_INSTANT;
 use crate::simd::dispatch::Vector;
@@ -93,7 +94,7 @@ impl<T: Number> Flight<T> {
         }
         self.body.look(&mut self.motion, &self.clock.extension);
         if !self.plain {
-            self.sense();
+            self.sense(slew);
         }
         self.hear();
         let outputs = self.outputs();
@@ -345,22 +346,23 @@ impl<T: Number> Flight<T> {
         }
     }
 
-    /// Reads the sensors of each lane at the present instant.
+    /// Reads the sensors of each lane at the present instant; `slew` has replaced the open-loop torque of the
+    /// slew motor until now.
     #[inline(never)]
-    pub(super) fn sense(&mut self) {
+    pub(super) fn sense(&mut self, slew: Option<T>) {
         let truth = self.measurable();
-        let Some(measured) = &mut self.measured else {
-            return;
-        };
-        for (lane, manoeuvre) in self.manoeuvres.iter_mut().enumerate() {
-            if self.resting >> lane & 1 == 1 {
-                continue;
-            }
+        let period = self.shared.sample_period;
+        for lane in lanes_of(everyone::<T>() & !self.resting) {
             let mut seen = truth.lane_of(lane);
-            if let Some(lines) = &mut manoeuvre.lines {
-                seen = lines.sense(seen);
+            if let Some(read) = self.readings(lane, slew.map(|torque| torque.lane(lane))) {
+                seen[OUTPUTS - INSTRUMENTS..].copy_from_slice(&read);
             }
-            measured.put_lane(lane, &seen);
+            if let Some(lines) = &mut self.manoeuvres[lane].lines {
+                seen = lines.sense(seen, period);
+            }
+            if let Some(measured) = &mut self.measured {
+                measured.put_lane(lane, &seen);
+            }
         }
     }
 }

@@ -17,6 +17,7 @@ use crate::simulation::clock::Clock;
 use crate::simulation::constants::{LaneConstants, SharedConstants};
 use crate::simulation::controller::{Fly, Held};
 use crate::simulation::identification::Balance;
+use crate::simulation::instruments::Instruments;
 use crate::simulation::manoeuvre::Manoeuvre;
 use crate::simulation::metrics::{Accumulator, Metrics};
 use crate::simulation::plan::{Plan, ScenarioDelta};
@@ -39,16 +40,7 @@ impl Flight<f64> {
         let clock = Clock::new(&plan.timeline, index, 0.0);
         let motion = body.start(&plan.scenario, &clock.extension);
         let outputs = motion.outputs();
-        let tip_turn_rate = body.tip_turn_rate(&motion, &clock.extension);
-        let lines = (!plan.is_plain()).then(|| {
-            let sensors = plan.scenario.sensors;
-            Box::new(DelayLines::new(
-                plan.delays,
-                outputs.measurable(tip_turn_rate),
-                sensors,
-                noise,
-            ))
-        });
+        let exact = plan.is_plain();
         let mut flight = Self {
             base: Arc::new(Scenario::default()),
             shared: SharedConstants::new(&plan),
@@ -78,13 +70,24 @@ impl Flight<f64> {
                 piece: index as u32,
                 ideal_wheels: plan.has_ideal_wheels(),
                 timeline: plan.timeline,
-                lines,
+                lines: None,
+                instruments: None,
                 handling: plan.handling,
             }],
         };
+        let sensors = plan.scenario.sensors;
+        if sensors.has_instruments() {
+            let instruments = Instruments::of(&flight, &sensors);
+            flight.manoeuvres[0].instruments = instruments.map(Arc::new);
+        }
+        if !exact {
+            let start = flight.readable(0, None);
+            let lines = DelayLines::new(plan.delays, start, sensors, noise);
+            flight.manoeuvres[0].lines = Some(Box::new(lines));
+        }
         flight.refresh_flags();
         if !flight.plain {
-            flight.sense();
+            flight.sense(None);
         }
         flight
     }
