@@ -172,7 +172,7 @@ def tune(
     same command goes on with a search that was interrupted (Ctrl-C keeps what is there) and ends
     with the same digits; more --trials extend one.
     """
-    require("drm tune", "tune", "clarabel", "optuna", "scipy")
+    require("drm tune", "tune", "clarabel", "optuna", "piqp", "scipy")
     if at_once == 1 and (ray is not None or processes != 1):
         raise BaselineError("--ray and --processes share out the trials of --at-once, which is 1")
     place = place_of(ray, processes)

@@ -107,7 +107,10 @@ class Flown:
 
 
 def fly(
-    settings: Mapping[str, float], scenarios: Sequence[Mapping[str, Any]], seeds: Sequence[int]
+    settings: Mapping[str, float],
+    scenarios: Sequence[Mapping[str, Any]],
+    seeds: Sequence[int],
+    processes: int | None = 1,
 ) -> Flown:
     """Fly the controller with these settings, those of the rest being the package's.
 
@@ -117,7 +120,7 @@ def fly(
         A scenario that cannot be flown.
     """
     chosen = replace(Receding(), **settings)  # type: ignore[arg-type]
-    metrics = fly_all(scenarios, seeds=seeds, settings=chosen, processes=1)
+    metrics = fly_all(scenarios, seeds=seeds, settings=chosen, processes=processes)
     error = metrics[METRIC.name]
     lost = ~np.isfinite(error) | (metrics["diverged"] > 0.0)
     return Flown(
@@ -266,7 +269,7 @@ def tune_controller(
 
 def _bar(start: Mapping[str, float], scenarios: Sequence[Mapping[str, Any]]) -> float:
     seeds = range(TUNING_SEED, TUNING_SEED + len(scenarios))
-    return HOPELESS * fly(start, scenarios, seeds).value
+    return HOPELESS * fly(start, scenarios, seeds, None).value
 
 
 def _confirmed(
@@ -281,8 +284,8 @@ def _confirmed(
     if known and known["sha256"] == draw.digest and stored["parameters"] == dict(best):
         return dict(known)
     seeds = range(TUNING_SEED + _FRESH_SEED, TUNING_SEED + _FRESH_SEED + len(draw.scenarios))
-    old = fly(first, draw.scenarios, seeds)
-    new = old if dict(best) == dict(first) else fly(best, draw.scenarios, seeds)
+    old = fly(first, draw.scenarios, seeds, None)
+    new = old if dict(best) == dict(first) else fly(best, draw.scenarios, seeds, None)
     errors = compare_paired(new.errors, old.errors)
     settled = compare_paired(new.settled, old.settled, higher_is_better=True, trimmed=False)
     return {

@@ -36,7 +36,11 @@ class Sky:
         self.flights: list[tuple[dict[str, float], list[int]]] = []
 
     def __call__(
-        self, settings: Mapping[str, float], scenarios: Sequence[Any], seeds: Sequence[int]
+        self,
+        settings: Mapping[str, float],
+        scenarios: Sequence[Any],
+        seeds: Sequence[int],
+        processes: int | None = 1,
     ) -> Flown:
         self.flights.append((dict(settings), list(seeds)))
         return Flown(
