@@ -1,8 +1,8 @@
 """The linear model of a manoeuvre for any mass of its payload, measured for few of them.
 
 A flight looks at its model for one mass after the other, each nearer to the true one. The models
-of masses that lie near one another follow from those that were measured: matrices are smooth
-functions of the mass, and a parabola through three of them errs by less than the mass is known.
+of masses that lie near one another follow from those that were measured: a parabola through three
+of them is as good as a mass that is known to some 1e-4.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ _ONE = np.array([*_SCALE, 1.0, 1.0])
 _UNIT_OF_ERROR = 12.0
 _UNITS = (0.03, 30.0)  # m, least and greatest
 _OTHER_UNITS = (1.0, 30.0, 1.0 / 30.0, 1000.0)
+_TOO_COARSE = 10.0
 # Torques that do not matter are zero; squared, in units of the objective.
 _EFFORT = 1e-8
 _ITERATIONS = 40
@@ -125,13 +126,27 @@ def plan(
         RMS of the tip error (m) that is expected, for the solver's scaling: it may be wrong, which
         takes time.
     """
-    guess = min(max(_UNIT_OF_ERROR * error, _UNITS[0]), _UNITS[1])
-    tried = dict.fromkeys(min(max(guess * each, _UNITS[0]), _UNITS[1]) for each in _OTHER_UNITS)
-    for unit in tried:
+    guess = _unit(error)
+    for unit in dict.fromkeys(_within(guess * factor) for factor in _OTHER_UNITS):
         found = _solve(stages, start, smoothing, authority, unit)
-        if found is not None:
-            return found
+        if found is None:
+            continue
+        right = _unit(float(np.sqrt(max(stages.errors(found).mean(), 0.0))))
+        if unit > _TOO_COARSE * right:
+            # solved to a tolerance that is too coarse for so small an error
+            finer = _solve(stages, start, smoothing, authority, right)
+            return found if finer is None else finer
+        return found
     return None
+
+
+def _within(unit: float) -> float:
+    return min(max(unit, _UNITS[0]), _UNITS[1])
+
+
+def _unit(error: float) -> float:
+    """Return the unit of the tip error (m) for the error that comes out."""
+    return _within(_UNIT_OF_ERROR * error)
 
 
 def _solve(
