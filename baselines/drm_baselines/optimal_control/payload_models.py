@@ -8,6 +8,7 @@ of them is as good as a mass that is known to some 1e-4.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -18,9 +19,9 @@ import drm_env
 
 _Array = NDArray[np.float64]
 
-NEAR = (0.01, 0.03)
-"""How far from a measured mass its neighbours' models are not measured, as a fraction: with two of
-them, which are as far from each other, and with more."""
+FAR, NEAR, APART = 0.03, 0.01, 0.01
+"""How far from all measured masses one is measured together with a neighbour, which is ``APART``
+from it and tells the slope there, and how far it is measured alone, as fractions."""
 
 
 class MassModel(NamedTuple):
@@ -62,12 +63,11 @@ class MassModels:
             # no relative change of it is a change
             models = self._measure(mass)
             return MassModel(models, tuple(_mixed([one], [0.0]) for one in models))
-        if not self._known:
+        away = min((abs(mass - known) for known, _ in self._known), default=math.inf)
+        if away > NEAR * mass:
             self._add(mass)
-            self._add((1.0 + NEAR[0]) * mass)
-        near = NEAR[len(self._known) > 2]
-        if min(abs(mass - known) for known, _ in self._known) > near * mass:
-            self._add(mass)
+        if away > FAR * mass:
+            self._add((1.0 + APART) * mass)
         nearest = sorted(self._known, key=lambda each: abs(each[0] - mass))[:3]
         values, slopes = weights([known for known, _ in nearest], mass)
         columns = list(zip(*(models for _, models in nearest), strict=True))

@@ -122,16 +122,18 @@ def test_models_between_measured_masses() -> None:
     models = MassModels(measure)
     models.at(150.0)
     models.at(165.0)
-    assert masses == [150.0, 151.5, 165.0] and models.measured == 3
+    assert masses == pytest.approx([150.0, 151.5, 165.0, 166.65])
     (found,), (slope,) = models.at(166.0)
-    assert models.measured == 3
+    assert models.measured == 4
     (truth,), (more,), (less,) = measure(166.0), measure(166.0 * 1.001), measure(166.0 * 0.999)
     for name in ("transition", "input", "offset"):
         one, other = getattr(found, name), getattr(truth, name)
         change = (getattr(more, name) - getattr(less, name)) / 0.002
-        # as good as a mass that is known to 5e-4
-        assert np.abs(one - other).max() < 5e-4 * np.abs(change).max()
-        assert np.abs(getattr(slope, name) - change).max() < 0.05 * np.abs(change).max()
+        # as good as a mass that is known to 1e-4
+        assert np.abs(one - other).max() < 1e-4 * np.abs(change).max()
+        assert np.abs(getattr(slope, name) - change).max() < 0.02 * np.abs(change).max()
+    models.at(169.0)
+    assert masses[-1] == 169.0 and models.measured == 5
 
 
 def test_a_payload_of_no_mass_has_no_slope() -> None:
