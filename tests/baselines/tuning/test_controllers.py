@@ -59,8 +59,11 @@ def test_one_manoeuvre_of_each_stratum_in_turn() -> None:
     assert in_turn(8) == [0, 2, 4, 6, 1, 3, 5, 7]
 
 
-def test_a_trial_is_flown_by_the_controller(tmp_path: Path) -> None:
+def test_a_trial_is_flown_by_the_controller(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The objective of the first trial by hand, with nothing in the place of flights."""
+    monkeypatch.setattr(controllers, "FRESH", 1)
     request = ControllerRequest(scenarios=4, trials=1)
     content = tune_controller(tmp_path, request).content
     drawn = training_scenarios("robust", 4).scenarios
