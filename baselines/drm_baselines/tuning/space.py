@@ -248,8 +248,8 @@ SETTINGS: dict[str, tuple[Dimension, ...]] = {
     "receding": (
         Dimension(
             name="smoothing", unit="m", low=1e-6, high=1e-2, start=1e-4,
-            reason="a change of a torque by its limit is worth the error at the best manoeuvres' "
-            "end to that of saturated ones",
+            reason="a change of a torque by its limit is worth less than the best manoeuvres' "
+            "error, or more than that of saturated ones",
         ),
         Dimension(
             name="authority", unit="1", low=0.95, high=0.999, log=False, start=0.998,
