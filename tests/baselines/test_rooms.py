@@ -14,9 +14,9 @@ import pytest
 import drm_baselines
 from drm_baselines import _moved
 from drm_baselines.errors import BaselineError
-from drm_baselines.policies.gains import TUNED
+from drm_baselines.policies.gains import CONTROLLERS, TUNED
 from drm_baselines.support import seeds
-from drm_baselines.tuning.space import GAINS
+from drm_baselines.tuning.space import GAINS, SETTINGS
 
 
 @pytest.mark.parametrize("old", sorted(_moved.MOVED))
@@ -83,7 +83,8 @@ def test_a_policy_is_made_without_scipy_clarabel_or_torch() -> None:
         "import sys, drm_baselines\n"
         "for name in ('lqr', 'linear_tuned', 'lyapunov', 'learned'):\n"
         "    drm_baselines.make_policy(name)\n"
-        "print([name for name in ('scipy', 'clarabel', 'torch', 'optuna', 'matplotlib', 'rich')\n"
+        "print([name for name in ('scipy', 'clarabel', 'piqp', 'torch', 'optuna', 'matplotlib',\n"
+        "                         'rich')\n"
         "       if name in sys.modules])\n"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
@@ -92,6 +93,7 @@ def test_a_policy_is_made_without_scipy_clarabel_or_torch() -> None:
 
 def test_what_is_tuned_is_what_can_be_searched() -> None:
     assert tuple(TUNED.values()) == tuple(GAINS)
+    assert tuple(SETTINGS) == CONTROLLERS
 
 
 # --- seeds ----------------------------------------------------------------------------------------

@@ -196,12 +196,12 @@ def refused(done: subprocess.CompletedProcess[str], extra: str) -> str:
         (("compare", "--out", "OUT"), "evaluate", "scipy and matplotlib"),
         (("evaluate", "--policy", "linear", "--out", "OUT"), "evaluate", "scipy"),
         (("train", "--out", "OUT"), "learn", "scipy, stable_baselines3 and torch"),
-        (("imitate", "--out", "OUT"), "learn", "clarabel, scipy and torch"),
-        (("tune", "lqr", "--out", "OUT"), "tune", "clarabel, optuna and scipy"),
+        (("imitate", "--out", "OUT"), "learn", "clarabel, piqp, scipy and torch"),
+        (("tune", "lqr", "--out", "OUT"), "tune", "clarabel, optuna, piqp and scipy"),
         (
             ("benchmark", "--out", "OUT"),
             "report",
-            "jinja2, matplotlib, scipy, clarabel and pyarrow",
+            "jinja2, matplotlib, scipy, clarabel, piqp and pyarrow",
         ),
         (("sweep", "--out", "OUT"), "report", "matplotlib, pyarrow and scipy"),
         (
@@ -227,7 +227,7 @@ def test_a_command_names_the_extra_before_it_does_anything(
 
 
 def test_a_cluster_names_its_extra(tmp_path: Path) -> None:
-    names = (*CLI, "clarabel", "jinja2", "matplotlib", "pyarrow", "scipy")
+    names = (*CLI, "clarabel", "jinja2", "matplotlib", "piqp", "pyarrow", "scipy")
     for command in ("sweep", "benchmark"):
         done = drm(command, "--ray", "--out", tmp_path / "out", names=names)
         assert "needs ray, which" in refused(done, "scale")

@@ -20,7 +20,7 @@ _INTERVALS_BYTES = 2_000_000
 
 
 def _modules() -> tuple[Any, Any, Any, Any]:
-    require("imitation", "learn", "clarabel", "scipy", "torch")
+    require("imitation", "learn", "clarabel", "piqp", "scipy", "torch")
     with leaving_at_once(), needing("imitation", "learn"):
         from drm_baselines.imitation import (
             analytic_gradient,

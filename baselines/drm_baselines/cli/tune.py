@@ -48,12 +48,20 @@ def _report(outcome: Outcome) -> None:
     objective, trials = content["objective"], content["trials"]
     show(_table(content))
     first = objective["first"]
-    since = "" if first is None else f" (first trial: {first:.2f} mm)"
+    digits = 2 if objective["value"] >= 1.0 else 4
+    since = "" if first is None else f" (first trial: {first:.{digits}f} mm)"
     say(
-        f"{content['name']}: tip error RMS {objective['value']:.2f} mm{since}, trial "
+        f"{content['name']}: tip error RMS {objective['value']:.{digits}f} mm{since}, trial "
         f"{trials['best']} of {trials['count']}, {trials['pruned']} of them not flown; "
         f"{content['budget']['wall_seconds']:.0f} s"
     )
+    if confirmation := content.get("confirmation"):
+        low, high = (confirmation["difference"][name] for name in ("low", "high"))
+        say(
+            f"on {confirmation['count']} fresh manoeuvres {confirmation['value']:.4g} mm, first "
+            f"trial {confirmation['first']:.4g} mm, in pairs {low:+.3g} to {high:+.3g} mm: the "
+            f"{'best' if confirmation['taken'] else 'first'} trial's settings are taken"
+        )
     if content["at_edge"]:
         say(f"at the edge of the search: {', '.join(content['at_edge'])}")
     say_files(outcome.files)
@@ -64,15 +72,15 @@ def tune(
     target: Annotated[
         str,
         typer.Argument(
-            help="Law whose gains are searched (linear, lyapunov, lqr), or learning algorithm "
-            "whose settings are (ppo, sac)."
+            help="Law whose gains are searched (linear, lyapunov, lqr), or controller (receding) "
+            "or learning algorithm (ppo, sac) whose settings are."
         ),
     ],
     suite: Annotated[
         str | None,
         typer.Option(
-            help="Laws: suite whose distributions the manoeuvres are drawn from, on seeds of "
-            "training; robust by default.",
+            help="Laws, controller: suite whose distributions the manoeuvres are drawn from, on "
+            "seeds of training; robust by default.",
             show_default=False,
         ),
     ] = None,
@@ -81,7 +89,8 @@ def tune(
         typer.Option(
             min=1,
             max=MOST_MANOEUVRES,
-            help="Laws: manoeuvres of all four strata together; 400 by default.",
+            help="Laws, controller: manoeuvres of all four strata together; 400 for laws, 24 for "
+            "the controller by default.",
             show_default=False,
         ),
     ] = None,
@@ -99,8 +108,8 @@ def tune(
         typer.Option(
             min=1,
             max=MOST_TRIALS,
-            help="Trials in all, including those of an earlier start; 200 for laws, 20 for "
-            "learning by default.",
+            help="Trials in all, including those of an earlier start; 200 for laws, 24 for "
+            "the controller, 20 for learning by default.",
             show_default=False,
         ),
     ] = None,
@@ -146,7 +155,7 @@ def tune(
         typer.Option(
             "--package",
             help="Also put the gains into the package, as its own, or the settings, as those of "
-            "the benchmark's learner.",
+            "the controller or of the benchmark's learner.",
         ),
     ] = False,
     force: Annotated[
@@ -154,19 +163,22 @@ def tune(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
 ) -> None:
-    """Tune the gains of a control law, or search the settings of a learning algorithm.
+    """Tune the gains of a law, or search the settings of a controller or learning algorithm.
 
-    Laws are judged by the interquartile mean of the tip error over drawn manoeuvres, settings by
-    that of a short training's policy. The first trial is what there is: the thesis' gains, the
-    packaged settings. The same command goes on with a search that was interrupted (Ctrl-C keeps
-    what is there) and ends with the same digits; more --trials extend one.
+    Laws and the controller are judged by the interquartile mean of the tip error over drawn
+    manoeuvres, settings of learning by that of a short training's policy. The first trial is what
+    there is: the thesis' gains, the settings chosen by hand, the packaged ones. The controller's
+    best trial is taken only if it is better than the first on fresh manoeuvres of training. The
+    same command goes on with a search that was interrupted (Ctrl-C keeps what is there) and ends
+    with the same digits; more --trials extend one.
     """
-    require("drm tune", "tune", "clarabel", "optuna", "scipy")
+    require("drm tune", "tune", "clarabel", "optuna", "piqp", "scipy")
     if at_once == 1 and (ray is not None or processes != 1):
         raise BaselineError("--ray and --processes share out the trials of --at-once, which is 1")
     place = place_of(ray, processes)
     with leaving_at_once():
         from drm_baselines.tuning import (
+            controllers,
             laws,
             learners,
             packaging,
@@ -174,9 +186,10 @@ def tune(
         )
 
     space.check_target(target)
-    is_law = target in space.GAINS
+    is_law, is_controller = target in space.GAINS, target in space.SETTINGS
     given = (
-        {"--steps": steps, "--env": env_id, "--hyperparameters": hyperparameters} if is_law
+        {"--steps": steps, "--env": env_id, "--hyperparameters": hyperparameters}
+        if is_law or is_controller
         else {"--suite": suite, "--scenarios": scenarios}
     )  # fmt: skip
     for name, value in given.items():
@@ -195,6 +208,20 @@ def tune(
             command = request.command
             directory = out if out is not None else _RESULTS / target
             outcome = laws.tune_law(directory, request, force=force, progress=progress, place=place)
+        elif is_controller:
+            wanted = controllers.ControllerRequest(
+                controller=target,
+                suite=suite if suite is not None else "robust",
+                scenarios=scenarios if scenarios is not None else 24,
+                trials=trials if trials is not None else 24,
+                seed=seed,
+                at_once=at_once,
+            )
+            command = wanted.command
+            directory = out if out is not None else _RESULTS / target
+            outcome = controllers.tune_controller(
+                directory, wanted, force=force, progress=progress, place=place
+            )
         else:
             settings = learners.LearningRequest(
                 algorithm=target,

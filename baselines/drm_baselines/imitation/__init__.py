@@ -2,4 +2,4 @@
 
 from drm_baselines.support.extras import require
 
-require("imitation", "learn", "clarabel", "scipy", "torch")
+require("imitation", "learn", "clarabel", "piqp", "scipy", "torch")

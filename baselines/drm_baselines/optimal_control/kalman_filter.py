@@ -11,7 +11,7 @@ arm's angular momentum, rigid and elastic. This is the balance of angular moment
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ _Array = NDArray[np.float64]
 
 MEASURED = (0, 2, 3, 5)
 """Entries of the state that are measured: slew angle, beta and their rates."""
+_SEEN = list(MEASURED)
 
 # Of exact sensors: what single precision and the course of the torques between two instants leave.
 _FLOOR = np.array([1e-7, 1e-6, 1e-6, 1e-5])  # rad, m, rad/s, m/s
@@ -41,21 +42,57 @@ def measurement_noise(sensors: Mapping[str, Any]) -> _Array:
     return np.asarray(np.hypot(noise, _FLOOR))
 
 
+class Late(NamedTuple):
+    """What the state was some samples before each instant: ``state @ x - torque @ u - offset``.
+
+    Shapes (N, 6, 6), (N, 6, 2) and (N, 6) for the instants 1 to N, u being the torques of the
+    interval before.
+    """
+
+    state: _Array
+    torque: _Array
+    offset: _Array
+
+
+def late(fine: drm_env.Transitions, hold: int, delay: int) -> Late:
+    """Look back from each instant.
+
+    Parameters
+    ----------
+    fine
+        Model of the thesis plant whose intervals ``hold`` and ``delay`` count.
+    hold
+        Intervals from one instant to the next.
+    delay
+        Intervals to look back, at most ``hold``.
+    """
+    count = len(fine.offset) // hold
+    state = np.broadcast_to(np.eye(6), (count, 6, 6))
+    torque, offset = np.zeros((count, 6, 2)), np.zeros((count, 6))
+    for back in range(1, delay + 1):
+        step, given, drift = (
+            part[hold - back :: hold] for part in (fine.transition, fine.input, fine.offset)
+        )
+        inverse = np.linalg.inv(step)
+        state = inverse @ state
+        torque = inverse @ (torque + given)
+        offset = (inverse @ (offset + drift)[:, :, None])[:, :, 0]
+    return Late(state, torque, offset)
+
+
 class Observer:
     """Kalman filter of state and payload of a manoeuvre, instant by instant.
 
     Parameters
     ----------
-    fine
-        Model of the thesis plant at every sample (``hold=1``), for some mass.
-    coarse, heavier
-        The same at the instants, and that for a mass greater by the fraction ``change``.
-    change
-        See there.
+    model
+        Model of the thesis plant from instant to instant, for some mass.
+    slope
+        Its derivative with respect to the relative change of the mass.
     noise
         Standard deviations of the measurements, shape (4,).
-    delay
-        Samples that they are late, at most those of an interval.
+    past
+        Where the measurements are late: from :func:`late`.
     unknown
         Standard deviations of the torques that the model does not know, N m, shape (2,).
     error, doubt
@@ -72,26 +109,21 @@ class Observer:
 
     def __init__(
         self,
-        fine: drm_env.Transitions,
-        coarse: drm_env.Transitions,
-        heavier: drm_env.Transitions,
-        change: float,
+        model: drm_env.Transitions,
+        slope: drm_env.Transitions,
         *,
         noise: _Array,
-        delay: int,
+        past: Late | None,
         unknown: _Array,
         error: float,
         doubt: float,
     ) -> None:
-        self._fine, self._coarse, self._delay = fine, coarse, delay
-        self._by_mass = tuple(
-            (getattr(heavier, name) - getattr(coarse, name)) / change
-            for name in ("transition", "input", "offset")
-        )
-        self._hold = len(fine.offset) // len(coarse.offset)
-        self._noise = np.diag(np.square(noise))
-        self._unknown = np.diag(np.square(unknown))
-        self.state, self.error = np.array(fine.start), error
+        self._model, self._slope, self._past = model, slope, past
+        self._variance, self._noise = np.square(noise), np.diag(np.square(noise))
+        self._unknown = np.square(unknown)
+        self._rows = np.eye(7)[_SEEN]
+        self._motion = np.eye(7)
+        self.state, self.error = np.array(model.start), error
         self._covariance = np.diag(np.square(np.append(_START, doubt)))
         self._instant = 0
 
@@ -111,7 +143,7 @@ class Observer:
         Parameters
         ----------
         measured
-            The entries :data:`MEASURED` of x, of ``delay`` samples ago, shape (4,).
+            The entries :data:`MEASURED` of x, late as they are, shape (4,).
         torque
             Mean torques of the wheels since the last instant by their momentum, N m, shape (2,).
         """
@@ -119,41 +151,30 @@ class Observer:
         if k > 0:
             self._move(k - 1, torque)
         self._instant = k + 1
-        seen, expected = np.eye(6), self.state
+        rows, expected = self._rows, self.state
         # at the start nothing has happened before
-        if k > 0 and self._delay > 0:
-            seen, expected = self._past(k, torque)
-        rows = np.zeros((4, 7))
-        rows[:, :6] = seen[list(MEASURED)]
+        if k > 0 and self._past is not None:
+            seen, given, offset = (part[k - 1] for part in self._past)
+            expected = seen @ self.state - given @ torque - offset
+            rows = np.zeros((4, 7))
+            rows[:, :6] = seen[_SEEN]
         spread = rows @ self._covariance
         gain = np.linalg.solve(spread @ rows.T + self._noise, spread).T
-        correction = gain @ (measured - expected[list(MEASURED)])
+        correction = gain @ (measured - expected[_SEEN])
         self.state = self.state + correction[:6]
         self.error += float(correction[6])
-        kept = np.eye(7) - gain @ rows
-        self._covariance = kept @ self._covariance @ kept.T + gain @ self._noise @ gain.T
+        # (1 - gain rows) covariance (1 - gain rows)' + gain noise gain'
+        kept = self._covariance - gain @ spread
+        self._covariance = kept + (gain * self._variance - kept @ rows.T) @ gain.T
         return self.state
 
     def _move(self, k: int, torque: _Array) -> None:
         """From instant k to the next."""
-        step, given, offset = (
-            part[k] for part in (self._coarse.transition, self._coarse.input, self._coarse.offset)
-        )
-        motion = np.eye(7)
+        model, slope, motion = self._model, self._slope, self._motion
+        step, given = model.transition[k], model.input[k]
+        by_mass = slope.transition[k] @ self.state + slope.input[k] @ torque + slope.offset[k]
         motion[:6, :6] = step
-        motion[:6, 6] = (
-            self._by_mass[0][k] @ self.state + self._by_mass[1][k] @ torque + self._by_mass[2][k]
-        )
-        self.state = step @ self.state + given @ torque + offset + motion[:6, 6] * self.error
+        motion[:6, 6] = by_mass
+        self.state = step @ self.state + given @ torque + model.offset[k] + by_mass * self.error
         self._covariance = motion @ self._covariance @ motion.T
-        self._covariance[:6, :6] += given @ self._unknown @ given.T
-
-    def _past(self, k: int, torque: _Array) -> tuple[_Array, _Array]:
-        """What x of ``delay`` samples ago is of x now: its derivative (6, 6) and itself (6,)."""
-        seen, then = np.eye(6), self.state
-        last = k * self._hold - 1
-        for sample in range(last, last - self._delay, -1):
-            back = np.linalg.inv(self._fine.transition[sample])
-            then = back @ (then - self._fine.input[sample] @ torque - self._fine.offset[sample])
-            seen = back @ seen
-        return seen, then
+        self._covariance[:6, :6] += (given * self._unknown) @ given.T

@@ -10,6 +10,7 @@ plans it flies the linear-quadratic feedback around the last one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -19,21 +20,25 @@ from numpy.typing import NDArray
 
 import drm_env
 from drm_baselines.errors import BaselineError
-from drm_baselines.optimal_control.kalman_filter import MEASURED, Observer, measurement_noise
-from drm_baselines.optimal_control.quadratic_program import Programme, closed_loop, torque_limits
-from drm_baselines.optimal_control.tvlqr import feedback_around, saturation
+from drm_baselines.optimal_control.kalman_filter import Observer, late, measurement_noise
+from drm_baselines.optimal_control.payload_models import MassModels, merged, prolonged, rest_of
+from drm_baselines.optimal_control.quadratic_program import torque_limits
+from drm_baselines.optimal_control.staged import feedback, plan, stages_of
+from drm_baselines.optimal_control.tvlqr import saturation
 from drm_baselines.policies.pilots import refuse_missions
 from drm_baselines.support import cores
 from drm_baselines.support.processes import process_pool
-from drm_env.constants import LAW_PERIOD, LINK_END_DEFLECTION
+from drm_env.constants import LAW_PERIOD
 
 _Array = NDArray[np.float64]
 
 _LOST = 1e3  # rad, m and their rates: nothing that an arm could do
 
-# Units of the tip error and scales of the states for the solver, in the order in which they are
-# tried: the first is for manoeuvres that are possible.
-_SCALINGS = ((1.0, 1e-2), (0.3, 1e-4), (1.0, 1e-3))
+# Entries of the observation that are looked at.
+_OBSERVED = (
+    "slew_error", "link2_deflection", "slew_error_rate", "link2_deflection_rate",
+    "reference_rate", "reference_accel", "root_momentum", "tip_momentum",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,32 +139,19 @@ def told(scenario: Mapping[str, Any], payload: Sequence[float]) -> dict[str, Any
     }
 
 
-def swaying(model: drm_env.Transitions, sway: float) -> drm_env.Transitions:
-    """Return a model of the thesis plant with one more sample of the error an interval.
-
-    It is ``sway`` (s) times the rate of the tip's deflection at the instant, which so has its price
-    in programme and feedback.
-    """
-    count, samples = model.error_offset.shape
-    # one sample counts for all of them
-    row = np.zeros((count, 1, 6))
-    row[..., 4:] = LINK_END_DEFLECTION * sway * np.sqrt(samples)
-    return model._replace(
-        error_state=np.concatenate([model.error_state, row], axis=1),
-        error_input=np.concatenate([model.error_input, np.zeros((count, 1, 2))], axis=1),
-        error_offset=np.concatenate([model.error_offset, np.zeros((count, 1))], axis=1),
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Plan:
-    """From instant ``first`` on: torques (N m), states, gains (fractions), saturation."""
+    """From instant ``first`` on: torques and gains (fractions), states, saturation, tip errors.
+
+    The tip errors are mean squares of the intervals, m^2.
+    """
 
     first: int
-    held: _Array
+    torques: _Array
     states: _Array
     gains: _Array
     saturated: NDArray[np.int8]
+    errors: _Array
 
 
 class Controller:
@@ -194,9 +186,14 @@ class Controller:
                 f"between two decisions, got {sensors['delay']!r}"
             )
         self._delay, self._noise = delay, measurement_noise(sensors)
+        # intervals of what is measured: the equations are not quite linear within longer ones
+        self._part = math.gcd(settings.hold, delay, 2)
+        self._rest = self._intervals = 0
         self._limits = torque_limits(known)
         layout = drm_env.observation_layout(config=settings.config({}))
-        self._entries = {entry.name: (at, entry.scale) for at, entry in enumerate(layout)}
+        scales = {entry.name: (at, entry.scale) for at, entry in enumerate(layout)}
+        self._places = [scales[name][0] for name in _OBSERVED]
+        self._scales = np.array([scales[name][1] for name in _OBSERVED])
         self._instant = 0
         self._seen: list[tuple[_Array, _Array]] = []
         self._momentum = np.zeros(2)
@@ -206,30 +203,40 @@ class Controller:
         self._lost = False
         self.plans = 0
         self._reported = float(known["reported_payload"]["mass"])
+        self._models = MassModels(self._measure)
         self._take(self._reported)
+
+    def _measure(self, mass: float) -> tuple[drm_env.Transitions, ...]:
+        """Return the model for a mass (kg), and a finer one where measurements are late."""
+        scenario = {**self._known, "payload": {**self._known["payload"], "mass": mass}}
+        each = self._settings.hold // self._part
+        if self._intervals:
+            # whatever the mass, the reference comes to rest at the same time
+            last = (self._rest + 1) * self._settings.hold * self._sample
+            scenario["horizon"] = min(last, self._known["horizon"])
+        fine = drm_env.transitions(scenario, hold=self._part)
+        model = merged(fine, each)
+        if not self._intervals:
+            self._rest, self._intervals = rest_of(model), len(model.offset)
+        model = prolonged(model, self._intervals)
+        return (model, prolonged(fine, each * self._intervals)) if self._delay else (model,)
 
     def _take(self, mass: float) -> None:
         """Model the arm with a payload of this mass (kg) and look at the whole flight anew."""
-        change = 0.01
-        hold, rest = self._settings.hold, np.zeros((2, 6))
-        fine, heavier = (
-            drm_env.transitions(
-                {**self._known, "payload": {**self._known["payload"], "mass": some}}, hold=1
-            )
-            for some in (mass, (1.0 + change) * mass)
-        )
+        settings = self._settings
+        (self._model, *finer), (slope, *_) = self._models.at(mass)
         self.mass = mass
-        self._model = closed_loop(fine, rest, hold)
+        self._stages = stages_of(self._model, self._limits, settings.sway)
         self.observer = Observer(
-            fine,
             self._model,
-            closed_loop(heavier, rest, hold),
-            change,
+            slope,
             noise=self._noise,
-            delay=self._delay,
-            unknown=self._settings.disturbance * self._limits,
+            past=late(finer[0], settings.hold // self._part, self._delay // self._part)
+            if finer
+            else None,
+            unknown=settings.disturbance * self._limits,
             error=self._reported / mass - 1.0 if mass > 0.0 else 0.0,
-            doubt=self._settings.doubt,
+            doubt=settings.doubt,
         )
         with np.errstate(over="ignore", invalid="ignore"):
             for measured, torque in self._seen:
@@ -243,31 +250,28 @@ class Controller:
     def _replan(self) -> None:
         """Solve the programme from here; an unsolved one leaves the last plan in force."""
         settings, k = self._settings, self._instant
-        limits, law = self._limits, np.zeros((2, 6))
-        later = {
-            name: values[k:] for name, values in self._model._asdict().items() if name != "start"
-        }
-        model = swaying(drm_env.Transitions(start=self.observer.state, **later), settings.sway)
-        for unit, scale in _SCALINGS:
-            held, states, solved = Programme(
-                model,
-                limits,
-                smoothing=np.full(2, settings.smoothing),
-                authority=settings.authority,
-                unit=unit,
-                scale=scale,
-            ).solve(model.error_offset)
-            if solved:
-                break
-        else:
+        stages = self._stages.after(k)
+        expected = 0.0
+        if self._plan is not None:
+            expected = math.sqrt(max(self._plan.errors[k - self._plan.first :].mean(), 0.0))
+        found = plan(
+            stages,
+            self.observer.state,
+            smoothing=settings.smoothing,
+            authority=settings.authority,
+            error=expected,
+        )
+        if found is None:
             return
-        saturated = saturation(held, states, law, limits, settings.authority)
+        states, torques = found[:, :6], found[:, 6:]
+        saturated = saturation(torques, states, np.zeros((2, 6)), np.ones(2), settings.authority)
         self._plan = _Plan(
             first=k,
-            held=held,
+            torques=torques,
             states=states,
-            gains=feedback_around(model, limits, law, saturated, settings.effort),
+            gains=feedback(stages, saturated, settings.effort),
             saturated=saturated,
+            errors=stages.errors(found),
         )
         self.plans += 1
 
@@ -300,24 +304,22 @@ class Controller:
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the action for an observation: torques as fractions of the limits, shape (2,)."""
-        value = {
-            name: float(observation[at]) * scale for name, (at, scale) in self._entries.items()
-        }
         settings = self._settings
-        momentum = np.array([value["root_momentum"], value["tip_momentum"]])
+        values = observation[self._places] * self._scales
+        angle, deflection, rate, deflection_rate, reference_rate, accel, *momenta = values.tolist()
+        momentum = np.array(momenta)
         torque = (self._momentum - momentum) / (settings.hold * self._sample)
         self._momentum = momentum
         # what is measured is late, the reference that it is held against is not
-        late = self._delay * self._sample if self._instant else 0.0
-        accel = value["reference_accel"]
-        since = np.zeros(6)
-        since[[0, 3]] = (value["reference_rate"] - 0.5 * accel * late) * late, accel * late
-        measured = since[list(MEASURED)] + [
-            value["slew_error"],
-            0.5 * value["link2_deflection"],
-            value["slew_error_rate"],
-            0.5 * value["link2_deflection_rate"],
-        ]
+        late_by = self._delay * self._sample if self._instant else 0.0
+        measured = np.array(
+            [
+                (reference_rate - 0.5 * accel * late_by) * late_by + angle,
+                0.5 * deflection,
+                accel * late_by + rate,
+                0.5 * deflection_rate,
+            ]
+        )
         if self._lost:
             return np.zeros(2, dtype=np.float32)
         self._seen.append((measured, torque))
@@ -332,7 +334,7 @@ class Controller:
         fractions = np.zeros(2)
         if self._plan is not None:
             at = self._instant - self._plan.first
-            fractions = self._plan.held[at] / self._limits + self._plan.gains[at] @ (
+            fractions = self._plan.torques[at] + self._plan.gains[at] @ (
                 state - self._plan.states[at]
             )
         self._instant += 1

@@ -31,22 +31,40 @@ def load_gains(law: str) -> dict[str, Any]:
     BaselineError
         No such law, or no packaged result of this version.
     """
-    known = tuple(TUNED.values())
-    if law not in known:
-        raise BaselineError(f"{law!r} cannot be tuned; there are {', '.join(known)}")
-    file = resources.files("drm_baselines") / "gains" / f"{law}.json"
+    return _load(law, tuple(TUNED.values()), "gains")
+
+
+CONTROLLERS = ("receding",)
+"""Controllers whose settings were searched by ``drm tune``."""
+
+
+def load_settings(controller: str) -> dict[str, Any]:
+    """Return the packaged result of tuning a controller: it flies with its ``"settings"``.
+
+    Raises
+    ------
+    BaselineError
+        No such controller, or no packaged result of this version.
+    """
+    return _load(controller, CONTROLLERS, "settings")
+
+
+def _load(name: str, known: tuple[str, ...], what: str) -> dict[str, Any]:
+    if name not in known:
+        raise BaselineError(f"{name!r} cannot be tuned; there are {', '.join(known)}")
+    file = resources.files("drm_baselines") / "gains" / f"{name}.json"
     try:
         content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise BaselineError(
-            f"no tuned gains of {law!r} are packaged; drm tune {law} --package makes them"
+            f"no tuned {what} of {name!r} are packaged; drm tune {name} --package makes them"
         ) from None
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise BaselineError(f"the packaged gains of {law!r} cannot be read: {error}") from error
+        raise BaselineError(f"the packaged {what} of {name!r} cannot be read: {error}") from error
     if not isinstance(content, dict) or (content.get("format"), content.get("format_version")) != (
         FORMAT, FORMAT_VERSION,
     ):  # fmt: skip
         raise BaselineError(
-            f"the packaged gains of {law!r} are not of format {FORMAT!r} {FORMAT_VERSION}"
+            f"the packaged {what} of {name!r} are not of format {FORMAT!r} {FORMAT_VERSION}"
         )
     return content

@@ -16,7 +16,7 @@ from drm_baselines.errors import MissingPackageError
 
 _CLI = ("filelock", "platformdirs", "rich", "typer")
 _EVALUATE = (*_CLI, "jinja2", "matplotlib", "scipy")
-_PLAN = ("clarabel", "scipy")
+_PLAN = ("clarabel", "piqp", "scipy")
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "cli": _CLI,
@@ -24,9 +24,12 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "evaluate": _EVALUATE,
     "plan": _PLAN,
     "render": (*_CLI, "imageio", "imageio_ffmpeg"),
-    "report": (*_EVALUATE, "clarabel", "pyarrow"),
-    "learn": (*_EVALUATE, "clarabel", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
-    "tune": (*_EVALUATE, "clarabel", "optuna"),
+    "report": (*_EVALUATE, "clarabel", "piqp", "pyarrow"),
+    "learn": (
+        *_EVALUATE,
+        *("clarabel", "piqp", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
+    ),
+    "tune": (*_EVALUATE, "clarabel", "optuna", "piqp"),
     "data": ("h5py", "minari"),
     "bench": (*_CLI, "matplotlib", "numba", "psutil"),
     "scale": (*_CLI, "ray"),

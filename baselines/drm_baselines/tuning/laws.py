@@ -141,8 +141,17 @@ def unstable_at(law: Mapping[str, Any]) -> tuple[float, float] | None:
     return None
 
 
-def training_scenarios(suite: str, count: int) -> Draw:
+def training_scenarios(suite: str, count: int, *, beyond: int = 0) -> Draw:
     """Draw manoeuvres from the distributions of a suite, on seeds of training.
+
+    Parameters
+    ----------
+    suite
+        Its name.
+    count
+        Manoeuvres of all strata together.
+    beyond
+        Seeds to leave out: what is drawn with as many as are drawn elsewhere is fresh.
 
     Raises
     ------
@@ -158,7 +167,7 @@ def training_scenarios(suite: str, count: int) -> Draw:
     scenarios: list[dict[str, Any]] = []
     rows = []
     for stratum, (title, _, _) in enumerate(strata):
-        first = TUNING_SEED + stratum * each
+        first = TUNING_SEED + beyond + stratum * each
         config = chosen.stratum_config(stratum)
         scenarios += drm_env.sample_scenarios(config=config, seed=first, n=each)
         rows.append({"name": title, "first_seed": first, "count": each})
@@ -266,7 +275,7 @@ def tune_law(
             **({} if request.at_once == 1 else {"at once": request.at_once}),
         },
         space=space,
-        start=_start_of(space),
+        start=start_of(space),
         seed=request.seed,
         label=request.law,
         at_once=request.at_once,
@@ -291,7 +300,7 @@ def tune_law(
         **origin(request.command, request.seed, space),
     }
     path = directory / GAINS_FILE
-    content = _kept(path, content)
+    content = kept(path, content)
     storage.write_json(path, content, overwrite=True)
     return Outcome(
         content=content,
@@ -301,7 +310,7 @@ def tune_law(
     )
 
 
-def _kept(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+def kept(path: Path, content: dict[str, Any]) -> dict[str, Any]:
     """Return the result in ``path`` if it is the same, for it knows when it was made."""
     try:
         stored = read_table(path, "result of a search")
@@ -311,5 +320,6 @@ def _kept(path: Path, content: dict[str, Any]) -> dict[str, Any]:
     return stored if same else content
 
 
-def _start_of(space: Sequence[Dimension]) -> dict[str, float]:
+def start_of(space: Sequence[Dimension]) -> dict[str, float]:
+    """Return the parameters of the first trial, where they are known beforehand."""
     return {each.name: each.start for each in space if each.start is not None}

@@ -244,6 +244,46 @@ GAINS: dict[str, tuple[Dimension, ...]] = {
 thesis' own choice, and weights of ``lqr``
 (:func:`drm_baselines.optimal_control.scheduled_lqr.gains_at`)."""
 
+SETTINGS: dict[str, tuple[Dimension, ...]] = {
+    "receding": (
+        Dimension(
+            name="smoothing", unit="m", low=1e-6, high=1e-2, start=1e-4,
+            reason="a change of a torque by its limit is worth less than the best manoeuvres' "
+            "error, or more than that of saturated ones",
+        ),
+        Dimension(
+            name="authority", unit="1", low=0.95, high=0.999, log=False, start=0.998,
+            reason="what is left for the feedback: next to nothing to a twentieth; what is within "
+            "0.001 of it counts as saturated",
+        ),
+        Dimension(
+            name="effort", unit="m", low=1e-5, high=1e-1, start=1e-3,
+            reason="full torque is worth 0.01 mm (the feedback follows the noise) to 10 cm (rests)",
+        ),
+        Dimension(
+            name="sway", unit="s", low=1e-5, high=1e-2, start=3e-4,
+            reason="from nothing to ten times what leaves the tip error as it is",
+        ),
+        Dimension(
+            name="disturbance", unit="1", low=1e-3, high=0.3, start=0.02,
+            reason="unknown torques of 0.1 % of the limits (the model is exact) to a third",
+        ),
+        Dimension(
+            name="tolerance", unit="1", low=5e-4, high=2e-2, start=2e-3,
+            reason="the mass is known to 1e-4 after a second; a reported one is 5 % wrong",
+        ),
+        Dimension(
+            name="period", unit="s", low=0.5, high=4.0, start=1.0,
+            reason="a plan takes a tenth of a second, so not more often than twice a second",
+        ),
+        Dimension(
+            name="drift", unit="m", low=5e-6, high=1e-3, start=5e-5,
+            reason="from the error of the best manoeuvres to that of saturated ones",
+        ),
+    ),
+}  # fmt: skip
+"""What is searched for each controller, beginning with the settings that were chosen by hand."""
+
 LEARNING: dict[str, tuple[Dimension, ...]] = {
     "ppo": (
         Dimension(
@@ -367,7 +407,7 @@ LEARNING: dict[str, tuple[Dimension, ...]] = {
 """What is searched for each learning algorithm, around the packaged settings; these are the first
 trial."""
 
-TARGETS = (*GAINS, *LEARNING)
+TARGETS = (*GAINS, *SETTINGS, *LEARNING)
 """Everything that can be tuned."""
 
 

@@ -40,7 +40,8 @@ COMMANDS: dict[str, Any] = {
 }
 HEAVY = (
     "clarabel", "drm_env", "gymnasium", "jinja2", "matplotlib", "numba", "numpy", "optuna",
-    "pandas", "pyarrow", "safetensors", "scipy", "stable_baselines3", "tensorboard", "torch",
+    "pandas", "piqp", "pyarrow", "safetensors", "scipy", "stable_baselines3", "tensorboard",
+    "torch",
 )  # fmt: skip
 DRM = "from drm_baselines.cli import main; main()"
 

@@ -37,7 +37,7 @@ from drm_baselines.tuning import (
     trials,
 )
 from drm_baselines.tuning.laws import LawRequest, tune_law
-from drm_baselines.tuning.space import GAINS, LEARNING, Dimension
+from drm_baselines.tuning.space import GAINS, LEARNING, SETTINGS, Dimension
 
 optuna = pytest.importorskip("optuna")
 
@@ -389,7 +389,7 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["pid"], f"'pid' cannot be tuned; there are {', '.join(GAINS)}, ppo, sac"),
+        (["pid"], f"'pid' cannot be tuned; there are {', '.join(GAINS)}, receding, ppo, sac"),
         (["linear", "--steps", "5"], "--steps means nothing for linear"),
         (["ppo", "--suite", "robust"], "--suite means nothing for ppo"),
         (["sac", "--scenarios", "8"], "--scenarios means nothing for sac"),
@@ -429,7 +429,7 @@ def test_help_names_every_option() -> None:
         assert option in result.stdout
 
 
-@pytest.mark.parametrize("space", [*GAINS.values(), *LEARNING.values()])
+@pytest.mark.parametrize("space", [*GAINS.values(), *SETTINGS.values(), *LEARNING.values()])
 def test_every_dimension_says_what_it_is(space: tuple[Dimension, ...]) -> None:
     for dimension in space:
         assert dimension.unit
