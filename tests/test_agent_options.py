@@ -246,7 +246,6 @@ def test_both_versions_of_a_task_fly_the_same_episodes(old: str) -> None:
     assert new == drm_env.sample_scenarios(old, seed=7, n=20)
 
 
-
 def flown_with_estimate(**options: Any) -> tuple[dict[str, float], float]:
     """Entries in their units and the time, after 4.5 s under a small steady action."""
     env = drm_env.DrmEnv(observe_payload_estimate=True, **options)

@@ -376,7 +376,7 @@ def test_demo_without_a_training(tmp_path: Path) -> None:
     report = json.loads((out / "comparison.json").read_text())
     assert [policy["label"] for policy in report["policies"]] == [
         "open loop", "linear law", "Lyapunov law", "servo with modal damping",
-        "PPO, residual on the linear law, seed 0", "imitation and gradient, residual, seed 0",
+        "PPO, residual, seed 0", "imitation and gradient, residual, seed 0",
     ]  # fmt: skip
     assert report["paired"]["reference"] == "linear law"
     for name in PICTURES:

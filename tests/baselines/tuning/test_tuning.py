@@ -25,6 +25,7 @@ from drm_baselines.errors import BaselineError, ExistingResultError
 from drm_baselines.evaluation.statistics import interquartile_mean
 from drm_baselines.optimal_control import scheduled_lqr
 from drm_baselines.policies import gains
+from drm_baselines.policies.pilots import runs_in, shipped_runs
 from drm_baselines.rl import hyperparameters
 from drm_baselines.rl.hyperparameters import toml
 from drm_baselines.rl.request import Point
@@ -512,7 +513,18 @@ def test_packaging_settings_keeps_a_row_a_trial(
         assert row["seconds"] >= 0.0
 
 
-@pytest.mark.parametrize("name", ["ppo", "sac", "ppo_direct", "sac_direct"])
+@pytest.mark.parametrize("name", ["ppo", "ppo_direct"])
+def test_shipped_policies_were_trained_with_the_settings_of_their_file(name: str) -> None:
+    settings = hyperparameters.load_hyperparameters("ppo", packaging.learner_file(name))
+    runs = runs_in(shipped_runs() / name)
+    assert list(runs) == list(range(10))
+    for seed, run in runs.items():
+        training = json.loads((run / "policy.json").read_text())["training"]
+        assert training["seed"] == seed
+        assert hyperparameters.from_data(training["hyperparameters"]) == settings
+
+
+@pytest.mark.parametrize("name", ["sac", "sac_direct"])
 def test_learners_of_the_benchmark_are_what_their_search_found(name: str) -> None:
     file = packaging.learner_file(name)
     record = json.loads(file.with_name(f"{name}.search.json").read_text())
