@@ -261,7 +261,7 @@ def flown_with_estimate(**options: Any) -> tuple[dict[str, float], float]:
 @pytest.mark.parametrize("mass_error", [-0.15, -0.05, 0.0, 0.12])
 @pytest.mark.parametrize("profile", ["min_time", "min_energy"])
 def test_payload_estimate_is_the_error_of_the_report(mass_error: float, profile: str) -> None:
-    """The report is true (1 + e), the estimate of true / reported is 1 / (1 + e), vibration or not."""
+    """The report is true (1 + e): true / reported is 1 / (1 + e), vibration or not."""
     value, _ = flown_with_estimate(mass_error=mass_error, payload_mass=300.0, slew_profile=profile)
     expected = 1.0 / (1.0 + mass_error) - 1.0
     assert value["estimated_mass_error"] == pytest.approx(expected, abs=0.02)

@@ -102,12 +102,12 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     (docs/plants.md): ``observe_sensors`` names them, ``"link1_gauge"``, ``"link2_gauge"``,
     ``"tip_accelerometer"`` and ``"tip_gyro"``, and they come in its order. The payload is the
     reported one unless ``observe_payload`` says otherwise. The row before them previews each of
-    ``preview_times``. ``estimated_mass_error`` is a running estimate that vibration does not disturb.
-    By it ``mean_tip_rate`` is the rate of the error at the tip as the arm's angular momentum has it,
-    and ``missing_torque`` what the payload takes beyond what the motor was told to give; it is
-    previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of the fine
-    entries is 10 mm and 10 mm/s). With ``observation_history`` = h > 1 the last h frames are stacked,
-    older ones first, their names ending in ``@-1``, ``@-2``, ...
+    ``preview_times``. ``estimated_mass_error`` is a running estimate that vibration does not
+    disturb. By it ``mean_tip_rate`` is the rate of the error at the tip as the arm's angular
+    momentum has it, and ``missing_torque`` what the payload takes beyond what the motor was told to
+    give; it is previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of
+    the fine entries is 10 mm and 10 mm/s). With ``observation_history`` = h > 1 the last h frames
+    are stacked, older ones first, their names ending in ``@-1``, ``@-2``, ...
 
     Reward
     ------
