@@ -272,7 +272,8 @@ mod tests {
                 -libm::log(1.0 - target * fall / (4.0 * start)) / fall
             };
             let pieces = slew.pieces();
-            prop_assume!(pieces.iter().all(|piece| delay(piece.start + 2.0, 2).is_finite()));
+            // else the frequency falls so fast that an impulse hardly ever comes, and its time is ill-conditioned
+            prop_assume!(pieces.iter().all(|piece| delay(piece.start + 2.0, 2) < 10.0));
             let Ok(found) = shaped(&pieces, &parts, delay) else { return Ok(()) };
             let end = found.last().expect("there are pieces");
             for pair in found.windows(2) {
