@@ -152,6 +152,9 @@ def test_any_configuration_flies_to_a_proper_end_or_is_refused_by_name(
     env.close()
 
 
+LISTS = ("preview_times", "slew_times", "slew_accelerations", "observe_sensors")
+"""What may be an empty list."""
+
 TABLES = ("reward", "limits", "scenario", "randomize")
 POISON: list[Any] = [
     math.nan, math.inf, -math.inf, 1e21, -1e21, "four", "", b"1", [], {}, {"uniform": [2.0, 1.0]},
@@ -165,7 +168,7 @@ POISON: list[Any] = [
 def test_a_value_that_is_none_is_refused_by_its_name(name: str, value: Any) -> None:
     nothing = isinstance(value, dict) and not value  # a table of which nothing is given
     empty = isinstance(value, list) and not value
-    if (nothing and name in TABLES) or (empty and name == "preview_times"):
+    if (nothing and name in TABLES) or (empty and name in LISTS):
         return
     if name == "preview_times" and isinstance(value, tuple) and math.inf not in value:
         return  # any times are

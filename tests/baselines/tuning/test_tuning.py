@@ -404,7 +404,8 @@ def test_ctrl_c_ends_the_command_with_a_way_on(
         (["ppo", "--env", "CartPole-v1"], "no environment 'CartPole-v1'; there are drm_env/"),
         (
             ["ppo", "--env", "drm_env/SlewThesis-v0", "--package"],
-            "--package has learners for drm_env/SlewResidual-v0, drm_env/Slew-v0, got --env "
+            "--package has learners for drm_env/SlewResidual-v0, drm_env/SlewResidual-v1, "
+            "drm_env/Slew-v0, drm_env/Slew-v1, got --env "
             "drm_env/SlewThesis-v0",
         ),
         (["linear", "--scenarios", "6"], "multiple of 4"),
