@@ -260,6 +260,12 @@ def test_published_figures_follow_from_the_packaged_records(suite: str) -> None:
         assert tables.markdown_table(found) in PAGE
 
 
+@pytest.mark.parametrize("suite", PACKAGED)
+def test_packaged_records_name_no_place_of_a_machine(suite: str) -> None:
+    for record in kept.results_in(kept.packaged(), [suite])[0].records:
+        assert not [word for word in record.details["command"] if Path(word).is_absolute()]
+
+
 def test_the_leaderboard_is_that_of_the_packaged_records() -> None:
     page = (ROOT / "docs" / "leaderboard.md").read_text(encoding="utf-8")
     assert leaderboard.leaderboard(kept.results_in(kept.packaged())) in page
