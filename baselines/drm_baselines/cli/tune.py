@@ -196,27 +196,16 @@ def tune(
         if value is not None:
             raise BaselineError(f"{name} means nothing for {target}")
     with counting() as progress:
+        asked: dict[str, Any] = {"suite": suite, "scenarios": scenarios, "trials": trials}
+        asked = {name: value for name, value in asked.items() if value is not None}
+        asked |= {"seed": seed, "at_once": at_once}
         if is_law:
-            request = laws.LawRequest(
-                law=target,
-                suite=suite if suite is not None else "robust",
-                scenarios=scenarios if scenarios is not None else 400,
-                trials=trials if trials is not None else 200,
-                seed=seed,
-                at_once=at_once,
-            )
+            request = laws.LawRequest(law=target, **asked)
             command = request.command
             directory = out if out is not None else _RESULTS / target
             outcome = laws.tune_law(directory, request, force=force, progress=progress, place=place)
         elif is_controller:
-            wanted = controllers.ControllerRequest(
-                controller=target,
-                suite=suite if suite is not None else "robust",
-                scenarios=scenarios if scenarios is not None else 24,
-                trials=trials if trials is not None else 24,
-                seed=seed,
-                at_once=at_once,
-            )
+            wanted = controllers.ControllerRequest(controller=target, **asked)
             command = wanted.command
             directory = out if out is not None else _RESULTS / target
             outcome = controllers.tune_controller(

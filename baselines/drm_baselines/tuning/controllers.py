@@ -21,14 +21,19 @@ from drm_baselines import suites
 from drm_baselines.errors import BaselineError
 from drm_baselines.evaluation.statistics import compare_paired, interquartile_mean
 from drm_baselines.optimal_control.mpc import Receding, fly_all
-from drm_baselines.policies.gains import FORMAT, FORMAT_VERSION
-from drm_baselines.support import storage
 from drm_baselines.support.executors import Tell
 from drm_baselines.support.places import Place
 from drm_baselines.support.reading import read_table
 from drm_baselines.support.seeds import TUNING_SEED
-from drm_baselines.tuning.laws import Draw, kept, start_of, training_scenarios
-from drm_baselines.tuning.search import GAINS_FILE, TRIALS_FILE, Search, origin
+from drm_baselines.tuning.laws import (
+    Draw,
+    made_by,
+    search_over,
+    start_of,
+    training_scenarios,
+    written,
+)
+from drm_baselines.tuning.search import GAINS_FILE
 from drm_baselines.tuning.space import SETTINGS, check_target
 from drm_baselines.tuning.trials import (
     LOST,
@@ -119,7 +124,8 @@ def fly(
     BaselineError
         A scenario that cannot be flown.
     """
-    chosen = replace(Receding(), **settings)  # type: ignore[arg-type]
+    values: dict[str, Any] = dict(settings)  # by field, each of its field's type
+    chosen = replace(Receding(), **values)
     metrics = fly_all(scenarios, seeds=seeds, settings=chosen, processes=processes)
     error = metrics[METRIC.name]
     lost = ~np.isfinite(error) | (metrics["diverged"] > 0.0)
@@ -208,23 +214,7 @@ def tune_controller(
     scenarios = [draw.scenarios[place] for place in in_turn(request.scenarios)]
     start = start_of(space)
     begun = max(1, request.scenarios // 3)
-    search = Search(
-        directory=directory,
-        settings={
-            "controller": request.controller,
-            "suite": request.suite,
-            "scenarios": request.scenarios,
-            "seed": request.seed,
-            "space": [dimension.to_dict() for dimension in space],
-            "drawn scenarios": draw.digest,
-            **({} if request.at_once == 1 else {"at once": request.at_once}),
-        },
-        space=space,
-        start=start,
-        seed=request.seed,
-        label=request.controller,
-        at_once=request.at_once,
-    )
+    search = search_over(directory, "controller", request.controller, request, space, draw)
     trials, found, interrupted = search.run(
         request.trials,
         _Judge(scenarios=scenarios, begun=begun, bar=_bar(start, scenarios[:begun])),
@@ -242,29 +232,14 @@ def tune_controller(
     budget = budget_of(trials)
     budget["episodes"] += begun * sum(trial.value is None for trial in trials)
     content = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
         "name": request.controller,
         "settings": dict(best.parameters if taken else start),
         **summary_of(trials, space, search.start),
         "confirmation": confirmation,
         "budget": budget,
-        "scenarios": {
-            "suite": request.suite,
-            "count": request.scenarios,
-            "strata": list(draw.strata),
-            "sha256": draw.digest,
-        },
-        **origin(request.command, request.seed, space),
+        **made_by(request, space, draw),
     }
-    content = kept(path, content)
-    storage.write_json(path, content, overwrite=True)
-    return Outcome(
-        content=content,
-        found=found,
-        interrupted=interrupted,
-        files=(path, directory / TRIALS_FILE),
-    )
+    return written(directory, content, found=found, interrupted=interrupted)
 
 
 def _bar(start: Mapping[str, float], scenarios: Sequence[Mapping[str, Any]]) -> float:

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -263,10 +263,58 @@ def tune_law(
     draw = training_scenarios(request.suite, request.scenarios)
 
     judge = _Judge(law=request.law, scenarios=draw.scenarios)
-    search = Search(
+    search = search_over(directory, "law", request.law, request, space, draw)
+    trials, found, interrupted = search.run(
+        request.trials, judge, force=force, progress=progress or silent, place=place
+    )
+    best = best_of(trials, request.law)
+    content = {
+        "name": request.law,
+        "law": law_of(request.law, best.parameters),
+        **summary_of(trials, space, search.start),
+        "budget": budget_of(trials),
+        **made_by(request, space, draw),
+    }
+    return written(directory, content, found=found, interrupted=interrupted)
+
+
+class OverManoeuvres(Protocol):
+    """A search over manoeuvres like a suite's, as :class:`LawRequest` asks for it."""
+
+    @property
+    def suite(self) -> str:
+        """Suite whose distributions they are drawn from."""
+
+    @property
+    def scenarios(self) -> int:
+        """Their number."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the search."""
+
+    @property
+    def at_once(self) -> int:
+        """Trials that are drawn together."""
+
+    @property
+    def command(self) -> str:
+        """The command that makes the search anew."""
+
+
+def search_over(
+    directory: Path,
+    kind: str,
+    name: str,
+    request: OverManoeuvres,
+    space: Sequence[Dimension],
+    draw: Draw,
+) -> Search:
+    """Return the search for what is best for one ``kind`` of pilot of a name, over a draw."""
+    return Search(
         directory=directory,
         settings={
-            "law": request.law,
+            kind: name,
             "suite": request.suite,
             "scenarios": request.scenarios,
             "seed": request.seed,
@@ -277,20 +325,16 @@ def tune_law(
         space=space,
         start=start_of(space),
         seed=request.seed,
-        label=request.law,
+        label=name,
         at_once=request.at_once,
     )
-    trials, found, interrupted = search.run(
-        request.trials, judge, force=force, progress=progress or silent, place=place
-    )
-    best = best_of(trials, request.law)
-    content = {
+
+
+def made_by(request: OverManoeuvres, space: Sequence[Dimension], draw: Draw) -> dict[str, Any]:
+    """Return what a result says of its making: its form, the manoeuvres, the command."""
+    return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
-        "name": request.law,
-        "law": law_of(request.law, best.parameters),
-        **summary_of(trials, space, search.start),
-        "budget": budget_of(trials),
         "scenarios": {
             "suite": request.suite,
             "count": request.scenarios,
@@ -299,6 +343,10 @@ def tune_law(
         },
         **origin(request.command, request.seed, space),
     }
+
+
+def written(directory: Path, content: dict[str, Any], *, found: int, interrupted: bool) -> Outcome:
+    """Write the result of a search, and return what came of it."""
     path = directory / GAINS_FILE
     content = kept(path, content)
     storage.write_json(path, content, overwrite=True)
