@@ -73,7 +73,7 @@ def tune(
         str,
         typer.Argument(
             help="Law whose gains are searched (linear, lyapunov, lqr), or controller (receding) "
-            "or learning algorithm (ppo, sac) whose settings are."
+            "or learning algorithm (ppo, sac, td3, tqc, crossq, recurrent_ppo) whose settings are."
         ),
     ],
     suite: Annotated[
@@ -134,7 +134,7 @@ def tune(
         Path | None,
         typer.Option(
             help="Directory of the search; results/tune/TARGET by default (TARGET_direct for "
-            "settings searched in drm_env/Slew-v0).",
+            "settings searched in drm_env/Slew-v0 or -v1).",
             show_default=False,
         ),
     ] = None,
@@ -155,7 +155,7 @@ def tune(
         typer.Option(
             "--package",
             help="Also put the gains into the package, as its own, or the settings, as those of "
-            "the controller or of the benchmark's learner.",
+            "the controller, of the benchmark's learner or, for another algorithm, of drm train.",
         ),
     ] = False,
     force: Annotated[

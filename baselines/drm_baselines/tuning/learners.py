@@ -95,6 +95,7 @@ def learning_parameters(settings: Hyperparameters) -> dict[str, float]:
         "learning_rate": settings.learning_rate,
         "log_std_init": network.log_std_init,
         "width": network.layers[0],
+        "lstm_units": network.lstm_units,
     }
     if "gamma" in model:
         values["forgetting"] = 1.0 - model["gamma"]
@@ -128,6 +129,8 @@ def learning_settings(base: Hyperparameters, parameters: Mapping[str, Any]) -> H
             network["log_std_init"] = value
         elif name == "width":
             network["layers"] = [value] * len(base.network.layers)
+        elif name == "lstm_units":
+            network["lstm_units"] = value
         else:
             model[name] = value
     return hyperparameters.from_data(data, "searched settings")

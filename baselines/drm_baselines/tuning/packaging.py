@@ -15,12 +15,16 @@ from drm_baselines.policies.gains import FORMAT
 from drm_baselines.tuning.learners import LEARNER_SUFFIXES, LearningRequest
 from drm_baselines.tuning.trials import Outcome
 
+JUDGED = ("ppo", "sac")
+"""Algorithms whose policies the benchmark flies."""
+
 
 def package(outcome: Outcome) -> Path:
     """Copy the result of a finished search into the package; return the file.
 
-    Gains go to ``gains``; settings of learning become those of the benchmark's learner, with the
-    record of the search beside them (``<name>.search.json``).
+    Gains go to ``gains``; settings of learning become those of the benchmark's learner, or, of an
+    algorithm that has none there, the packaged ones of ``drm train``, with the record of the search
+    beside them (``<name>.search.json``).
 
     Raises
     ------
@@ -61,7 +65,14 @@ def check_package(request: LearningRequest) -> None:
 
 
 def learner_file(name: str) -> Path:
-    """Return the file of a learner of the benchmark, which :func:`package` writes."""
+    """Return the file of a learner of the benchmark, which :func:`package` writes.
+
+    An algorithm that the benchmark trains nobody with has its packaged settings alone, the same
+    ones for every environment.
+    """
+    algorithm = name.removesuffix("_direct")
+    if algorithm not in JUDGED:
+        return _package() / "rl" / "hyperparameters" / f"{algorithm}.toml"
     return _package() / "benchmark" / "learners" / f"{name}.toml"
 
 

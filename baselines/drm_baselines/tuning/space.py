@@ -284,124 +284,186 @@ SETTINGS: dict[str, tuple[Dimension, ...]] = {
 }  # fmt: skip
 """What is searched for each controller, beginning with the settings that were chosen by hand."""
 
+_PPO = (
+    Dimension(
+        name="learning_rate",
+        unit="1",
+        low=1e-4,
+        high=1e-2,
+        reason="Adam's default 1e-3 and an order of magnitude to both sides",
+    ),
+    Dimension(
+        name="forgetting",
+        unit="1",
+        low=3e-3,
+        high=0.1,
+        reason="1 - gamma a decision: 1 to 30 s at 10 Hz, a manoeuvre lasts 20 s",
+    ),
+    Dimension(
+        name="gae_lambda",
+        unit="1",
+        low=0.5,
+        high=1.0,
+        log=False,
+        reason="from mostly the critic's word to none of it",
+    ),
+    Dimension(
+        name="clip_range",
+        unit="1",
+        low=0.05,
+        high=0.4,
+        reason="the usual 0.2, halved twice and doubled",
+    ),
+    Dimension(
+        name="log_std_init",
+        unit="1",
+        low=-3.0,
+        high=0.0,
+        log=False,
+        reason="exploration starts at 5 to 100 % of the torque limits",
+    ),
+    Dimension(
+        name="width",
+        unit="1",
+        choices=(16, 32, 64, 128, 256),
+        reason="units of each hidden layer; the laws need a handful",
+    ),
+    Dimension(
+        name="n_epochs",
+        unit="1",
+        low=2,
+        high=15,
+        integer=True,
+        reason="the usual 10, half as much again and divided by five",
+    ),
+    Dimension(
+        name="minibatches",
+        unit="1",
+        choices=(5, 10, 20, 40),
+        reason="parts that an update's samples are divided into; they divide all of them",
+    ),
+)
+
+_SAC = (
+    Dimension(
+        name="learning_rate",
+        unit="1",
+        low=5e-5,
+        high=5e-3,
+        reason="the usual 3e-4 and an order of magnitude to both sides",
+    ),
+    Dimension(
+        name="forgetting",
+        unit="1",
+        low=1e-3,
+        high=0.1,
+        reason="1 - gamma a decision: 1 to 100 s at 10 Hz, a manoeuvre lasts 20 s",
+    ),
+    Dimension(
+        name="tau",
+        unit="1",
+        low=1e-3,
+        high=5e-2,
+        reason="the target follows the critic within 20 to 1000 updates",
+    ),
+    Dimension(
+        name="log_std_init",
+        unit="1",
+        low=-4.0,
+        high=-1.0,
+        log=False,
+        reason="exploration starts at 2 to 40 % of the torque limits",
+    ),
+    Dimension(
+        name="width",
+        unit="1",
+        choices=(32, 64, 128, 256),
+        reason="units of each hidden layer; wider ones are too slow for a search",
+    ),
+    Dimension(
+        name="batch_size",
+        unit="1",
+        choices=(128, 256, 512, 1024),
+        reason="the usual 256 and two doublings",
+    ),
+    Dimension(
+        name="gradient_steps",
+        unit="1",
+        low=2,
+        high=64,
+        integer=True,
+        reason="updates of the networks every train_freq steps of all environments",
+    ),
+    Dimension(
+        name="target_entropy",
+        unit="1",
+        low=-12.0,
+        high=-2.0,
+        log=False,
+        reason="the usual -2, minus the number of actions, is noise that shakes the arm",
+    ),
+)
+
+_ON_MEMORY = ("learning_rate", "forgetting", "gae_lambda", "clip_range", "log_std_init")
+
+
+def _of(space: tuple[Dimension, ...], *names: str) -> tuple[Dimension, ...]:
+    return tuple(dimension for dimension in space if dimension.name in names)
+
+
+def _without(space: tuple[Dimension, ...], *names: str) -> tuple[Dimension, ...]:
+    return tuple(dimension for dimension in space if dimension.name not in names)
+
+
 LEARNING: dict[str, tuple[Dimension, ...]] = {
-    "ppo": (
+    "ppo": _PPO,
+    "sac": _SAC,
+    "td3": (
+        *_without(_SAC, "log_std_init", "target_entropy"),
         Dimension(
-            name="learning_rate",
+            name="action_noise",
             unit="1",
-            low=1e-4,
-            high=1e-2,
-            reason="Adam's default 1e-3 and an order of magnitude to both sides",
+            low=0.02,
+            high=0.5,
+            reason="exploration at 2 to 50 % of the torque limits, at every decision anew",
         ),
         Dimension(
-            name="forgetting",
+            name="target_policy_noise",
             unit="1",
-            low=3e-3,
-            high=0.1,
-            reason="1 - gamma a decision: 1 to 30 s at 10 Hz, a manoeuvre lasts 20 s",
+            low=0.01,
+            high=0.3,
+            reason="the usual 0.2 and less: what smooths the critic over actions",
         ),
+    ),
+    "tqc": (
+        *_SAC,
         Dimension(
-            name="gae_lambda",
+            name="top_quantiles_to_drop_per_net",
             unit="1",
-            low=0.8,
-            high=1.0,
-            log=False,
-            reason="from mostly the critic's word to none of it",
+            choices=(0, 1, 2, 5),
+            reason="of 25 quantiles: the usual 2, none, and twice as many",
         ),
+    ),
+    # it has no target networks that could follow
+    "crossq": _without(_SAC, "tau"),
+    "recurrent_ppo": (
+        *_of(_PPO, *_ON_MEMORY),
         Dimension(
-            name="clip_range",
+            name="lstm_units",
             unit="1",
-            low=0.05,
-            high=0.4,
-            reason="the usual 0.2, halved twice and doubled",
+            choices=(32, 64, 128),
+            reason="what is remembered: more takes as much longer",
         ),
-        Dimension(
-            name="log_std_init",
-            unit="1",
-            low=-3.0,
-            high=0.0,
-            log=False,
-            reason="exploration starts at 5 to 100 % of the torque limits",
-        ),
-        Dimension(
-            name="width",
-            unit="1",
-            choices=(16, 32, 64, 128, 256),
-            reason="units of each hidden layer; the laws need a handful",
-        ),
+        *_of(_PPO, "width"),
         Dimension(
             name="n_epochs",
             unit="1",
             low=2,
-            high=20,
+            high=10,
             integer=True,
-            reason="the usual 10, doubled and divided by five",
+            reason="as for PPO; an epoch through the memory is slow",
         ),
-        Dimension(
-            name="minibatches",
-            unit="1",
-            choices=(5, 10, 20, 40),
-            reason="parts that an update's samples are divided into; they divide all of them",
-        ),
-    ),
-    "sac": (
-        Dimension(
-            name="learning_rate",
-            unit="1",
-            low=5e-5,
-            high=5e-3,
-            reason="the usual 3e-4 and an order of magnitude to both sides",
-        ),
-        Dimension(
-            name="forgetting",
-            unit="1",
-            low=1e-3,
-            high=0.1,
-            reason="1 - gamma a decision: 1 to 100 s at 10 Hz, a manoeuvre lasts 20 s",
-        ),
-        Dimension(
-            name="tau",
-            unit="1",
-            low=1e-3,
-            high=5e-2,
-            reason="the target follows the critic within 20 to 1000 updates",
-        ),
-        Dimension(
-            name="log_std_init",
-            unit="1",
-            low=-4.0,
-            high=-1.0,
-            log=False,
-            reason="exploration starts at 2 to 40 % of the torque limits",
-        ),
-        Dimension(
-            name="width",
-            unit="1",
-            choices=(32, 64, 128, 256),
-            reason="units of each hidden layer; wider ones are too slow for a search",
-        ),
-        Dimension(
-            name="batch_size",
-            unit="1",
-            choices=(128, 256, 512, 1024),
-            reason="the usual 256 and two doublings",
-        ),
-        Dimension(
-            name="gradient_steps",
-            unit="1",
-            low=2,
-            high=64,
-            integer=True,
-            reason="updates of the networks every train_freq steps of all environments",
-        ),
-        Dimension(
-            name="target_entropy",
-            unit="1",
-            low=-12.0,
-            high=-2.0,
-            log=False,
-            reason="the usual -2, minus the number of actions, is noise that shakes the arm",
-        ),
+        *_of(_PPO, "minibatches"),
     ),
 }
 """What is searched for each learning algorithm, around the packaged settings; these are the first

@@ -492,12 +492,14 @@ def test_packaging_settings_keeps_a_row_a_trial(
     assert [row["number"] for row in rows(tmp_path / "results" / "tune" / name)] == list("0123")
     assert {asked.env_id for asked in flown} == {environment}
     assert flown[0].settings == base
-    folder = tmp_path / "package" / "benchmark" / "learners"
+    judged = algorithm in packaging.JUDGED
+    place = ("benchmark", "learners") if judged else ("rl", "hyperparameters")
+    folder, stem = tmp_path.joinpath("package", *place), name if judged else algorithm
     assert sorted(file.name for file in folder.iterdir()) == [
-        f"{name}.search.json", f"{name}.toml",
+        f"{stem}.search.json", f"{stem}.toml",
     ]  # fmt: skip
-    record = json.loads((folder / f"{name}.search.json").read_text())
-    found = hyperparameters.load_hyperparameters(algorithm, folder / f"{name}.toml")
+    record = json.loads((folder / f"{stem}.search.json").read_text())
+    found = hyperparameters.load_hyperparameters(algorithm, folder / f"{stem}.toml")
     assert found == flown[2].settings == hyperparameters.from_data(record["settings"])
     assert record["trials"] == {"count": 4, "pruned": 1, "best": 2}
     assert record["objective"]["value"] == pytest.approx(2.0)
