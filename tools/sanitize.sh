@@ -51,24 +51,29 @@ reported() {
   local kind=$1 access=$2 report
   shift 2
   if report=$("$@" 2>&1) || ! grep -q "AddressSanitizer: $kind" <<< "$report" \
-    || ! grep -q "^$access of size" <<< "$report"; then
+    || ! grep -q "^$access " <<< "$report"; then
     echo "$report" >&2
     echo "a fault on purpose was not reported as $kind, $access: $*" >&2
     exit 1
   fi
   grep "^SUMMARY: AddressSanitizer" <<< "$report"
 }
-# Functions with vector instructions are compiled apart, so that they are looked at themselves.
-checks=$(objdump -d -C --no-show-raw-insn "$package/drm_env/_engine.abi3.so" \
-  | awk '/^[0-9a-f]+ </ { wide = /avx2::run|avx512::run|_avx2/ } wide && /call.*__asan_report/ { n++ } END { print n + 0 }')
-echo "checks of the sanitiser in functions with vector instructions: $checks"
-[ "$checks" -gt 1000 ]
+
+# Functions with vector instructions are compiled apart: whether they are watched is looked up.
+if [ "${host%%-*}" = x86_64 ]; then
+  checks=$(objdump -d -C --no-show-raw-insn "$package/drm_env/_engine.abi3.so" | awk '
+    /^[0-9a-f]+ </ { wide = /avx2::run|avx512::run|_avx2/ }
+    wide && /call.*__asan_report/ { n++ }
+    END { print n + 0 }')
+  echo "checks of the sanitiser in functions with vector instructions: $checks"
+  [ "$checks" -gt 0 ] || { echo "they are compiled without it" >&2; exit 1; }
+fi
 
 echo "faults on purpose:"
 # sizes of single numbers: what compiled code read, and not a function of the C library on its behalf
-reported heap-buffer-overflow "READ of size 4 " cargo test "${how[@]}" --workspace --test lanes -- --ignored
+reported heap-buffer-overflow "READ of size 4" cargo test "${how[@]}" --workspace --test lanes -- --ignored
 reported heap-use-after-free READ cargo test "${how[@]}" --workspace --test flight -- --ignored
-reported heap-buffer-overflow "READ of size 4 " sanitised_python -c '
+reported heap-buffer-overflow "READ of size 4" sanitised_python -c '
 import numpy as np
 import drm_env
 
@@ -77,5 +82,6 @@ network(np.lib.stride_tricks.as_strided(np.zeros(599, np.float32), (200, 3), (12
 
 # without the one that repeats a flight in ever smaller steps
 DRM_FUZZ_CASES=100 cargo test "${how[@]}" "${tests[@]}" -- --skip power_balance_closes
-sanitised_python -m pytest -q tests/test_native_arrays.py tests/test_fuzz_bindings.py tests/test_properties.py \
-  -k "native or fuzz or array"
+# reports go past what pytest keeps of a test's output
+sanitised_python -m pytest -q --capture=sys tests/test_native_arrays.py tests/test_fuzz_bindings.py \
+  tests/test_properties.py -k array
