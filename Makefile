@@ -47,12 +47,18 @@ soak: $(READY) ## what takes long: commands killed again and again, a hundred mi
 	DRM_FUZZ_CASES=20000 cargo test --release -p drm-env-web --test corpora
 	@if cargo +nightly miri --version > /dev/null 2>&1; then $(MAKE) miri; else \
 	  echo "no Miri here (rustup toolchain install nightly --component miri,rust-src): 'make miri' is left out"; fi
+	@if tools/sanitize.sh --possible; then $(MAKE) sanitize; else echo "'make sanitize' is left out"; fi
 
 # Unsafe code that an interpreter can run: what threads of a batch share, and what is watched over them.
 .PHONY: miri
 miri: # interpret the unsafe code that is no instruction of a processor (docs/reliability.md)
 	MIRIFLAGS="-Zmiri-many-seeds=0..8" \
 	  cargo +nightly miri test -p drm_env --lib -- batch::thread_pool interruption
+
+# Unsafe code that no interpreter runs: vector instructions, arrays of the bindings, memory of a page.
+.PHONY: sanitize
+sanitize: $(READY) # the address sanitiser over it, which has to find faults on purpose first (docs/reliability.md)
+	tools/sanitize.sh
 
 # Needs cargo-fuzz (`cargo install cargo-fuzz`) and Atheris (`.venv/bin/uv pip install atheris`). libFuzzer's flags
 # belong to nightly compilers: RUSTC_BOOTSTRAP lets the stable one take them.

@@ -224,3 +224,27 @@ fn rollouts_give_the_bits_of_manoeuvres_flown_alone() {
         }
     }
 }
+
+/// A fault on purpose, which `make sanitize` has to report: a caller says that there are more actions than there
+/// are, and the engine reads them.
+#[test]
+#[ignore = "wrong on purpose: the address sanitiser ends it (make sanitize)"]
+fn actions_that_end_too_early() {
+    let config = EnvConfig::resolve("slew", None, None).expect("the options are good");
+    let count = 8;
+    let mut batch =
+        Batch::new(Arc::new(config), count, Autoreset::SameStep, Some(1)).expect("it can be made");
+    let seeds = vec![Some(Seed::default()); count];
+    batch.reset(&seeds, None, None).expect("it can be reset");
+    let actions = vec![0.0_f32; 2 * count - 1];
+    // SAFETY: none; there is one less
+    let more = unsafe { std::slice::from_raw_parts(actions.as_ptr(), 2 * count) };
+    let mut out = StepBuffers {
+        observations: &mut vec![0.0; count * batch.observation_size()],
+        rewards: &mut vec![0.0; count],
+        terminated: &mut vec![false; count],
+        truncated: &mut vec![false; count],
+        terms: &mut vec![0.0; 3 * count],
+    };
+    batch.step(more, &mut out).expect("it can be stepped");
+}

@@ -147,7 +147,8 @@ fn memory_is_given_and_given_back() {
     // SAFETY: it is memory of so many bytes, which is given back once, as is the reply
     unsafe {
         place.copy_from(text.as_ptr(), text.len());
-        let reply = exports::fly(place, text.len(), exports::allocate(0), 0);
+        let nothing = exports::allocate(0);
+        let reply = exports::fly(place, text.len(), nothing, 0);
         let words: [usize; 5] = std::ptr::read(reply.cast());
         assert_eq!(words[0], 0);
         let said = std::slice::from_raw_parts(words[1] as *const u8, words[2]);
@@ -156,5 +157,19 @@ fn memory_is_given_and_given_back() {
         assert_eq!(words[4], 17 + 20 * 51 + 3 * LENGTHS);
         exports::forget(reply);
         exports::release(place, text.len());
+        exports::release(nothing, 0);
+    }
+}
+
+/// A fault on purpose, which `make sanitize` has to report: the page reads a reply that it has given back.
+#[test]
+#[ignore = "wrong on purpose: the address sanitiser ends it (make sanitize)"]
+fn a_reply_that_was_given_back() {
+    let text = b"{}";
+    // SAFETY: none; the reply is not there any more
+    unsafe {
+        let reply = exports::fly(text.as_ptr(), text.len(), exports::allocate(0), 0);
+        exports::forget(reply);
+        exports::forget(reply);
     }
 }
