@@ -352,8 +352,8 @@ def test_still_tip_error_believes_the_arm_that_is_built_and_not_the_one_that_is_
 
     def told(**stiffness: Any) -> float:
         env = drm_env.DrmEnv(
-            observe_still_tip_error=True, structural_damping=5e-3, payload_mass=300.0, mass_error=0.0,
-            deployment_start=4.0, deployment_end=4.0, slew_angle=1.5, **stiffness,
+            observe_still_tip_error=True, structural_damping=5e-3, payload_mass=300.0,
+            mass_error=0.0, deployment_start=4.0, deployment_end=4.0, slew_angle=1.5, **stiffness,
         )  # fmt: skip
         layout = env.unwrapped.observation_layout
         observation, _ = env.reset(seed=2)

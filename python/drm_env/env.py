@@ -108,9 +108,10 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     momentum has it, and ``missing_torque`` what the payload takes beyond what the motor was told to
     give; it is previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of
     the fine entries is 10 mm and 10 mm/s). ``still_tip_error`` (``observe_still_tip_error``; x0 is
-    0.5 mm) adds to it what the reference's acceleration bends of the arm that is believed, with the
-    payload of the running estimate: where the tip is but for the vibration. With ``observation_history`` = h > 1 the last h frames
-    are stacked, older ones first, their names ending in ``@-1``, ``@-2``, ...
+    0.5 mm) adds to it what the reference's acceleration bends of the arm as it was built, with the
+    payload of the running estimate: where the tip is but for the vibration. With
+    ``observation_history`` = h > 1 the last h frames are stacked, older ones first, their names
+    ending in ``@-1``, ``@-2``, ...
 
     Reward
     ------
