@@ -71,7 +71,7 @@ def learner_file(name: str) -> Path:
     ones for every environment.
     """
     algorithm = name.removesuffix("_direct")
-    if algorithm not in JUDGED:
+    if not name.startswith(JUDGED):
         return _package() / "rl" / "hyperparameters" / f"{algorithm}.toml"
     return _package() / "benchmark" / "learners" / f"{name}.toml"
 
