@@ -313,6 +313,60 @@ def test_missing_torque_is_what_the_reported_payload_lacks_of_the_inverse_dynami
         assert value[f"missing_torque{suffix}"] == pytest.approx(lacking, rel=2e-3, abs=0.02)
 
 
+@pytest.mark.parametrize("mass_error", [0.0, 0.15, -0.15])
+@pytest.mark.parametrize(
+    "damped", [{"structural_damping": 5e-3}, {"plant": "consistent", "damping_ratio": 0.1}]
+)
+def test_still_tip_error_is_that_of_the_tip_once_the_vibration_is_gone(
+    damped: dict[str, Any], mass_error: float
+) -> None:
+    """Against the true tip of a damped open-loop flight under a steady acceleration."""
+    manoeuvre = {
+        "payload_mass": 300.0, "mass_error": mass_error, "deployment_start": 4.0,
+        "deployment_end": 4.0, "slew_angle": 1.5, **damped,
+    }  # fmt: skip
+    env = drm_env.DrmEnv(observe_still_tip_error=True, **manoeuvre)
+    layout = env.unwrapped.observation_layout
+    observation, _ = env.reset(seed=2)
+    for _ in range(600):
+        observation, *_ = env.step(np.zeros(2, dtype=np.float32))
+    value = {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}
+    flight = drm_env.simulate(drm_env.Scenario(**manoeuvre))
+    env.close()
+    now = int(np.searchsorted(flight["time"], 6.0 - 1e-9))
+    assert value["reference_accel"] == pytest.approx(0.02)
+    bent = flight["tip_deflection"][now]
+    assert bent < -3e-3
+    true = 11.0 * (flight["slew_angle"][now] - flight["reference_angle"][now]) + bent
+    # of the deflection a part stays unknown with the mass; the arm's rate pulls on it a little
+    assert value["still_tip_error"] == pytest.approx(true, abs=0.02 * abs(bent))
+    fine = np.arcsinh(value["still_tip_error"] / 5e-4)
+    assert value["still_tip_error_fine"] == pytest.approx(fine, rel=1e-5)
+
+
+def test_still_tip_error_believes_the_arm_that_is_built_and_not_the_one_that_is_drawn() -> None:
+    """Links of half the stiffness bend twice as much, and the agent is told of once."""
+
+    def told(**stiffness: Any) -> float:
+        env = drm_env.DrmEnv(
+            observe_still_tip_error=True, structural_damping=5e-3, payload_mass=300.0, mass_error=0.0,
+            deployment_start=4.0, deployment_end=4.0, slew_angle=1.5, **stiffness,
+        )  # fmt: skip
+        layout = env.unwrapped.observation_layout
+        observation, _ = env.reset(seed=2)
+        for _ in range(600):
+            observation, *_ = env.step(np.zeros(2, dtype=np.float32))
+        env.close()
+        value = {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}
+        return value["still_tip_error"] - 11.0 * value["slew_error"]
+
+    built = told()
+    soft = {"link1_bending_stiffness": 1.25e6, "link2_bending_stiffness": 1.5e6}
+    drawn = {name: {"choices": [value]} for name, value in soft.items()}
+    assert told(**drawn) == pytest.approx(built, rel=0.01)
+    assert told(**soft) == pytest.approx(2.0 * built, rel=0.01)
+
+
 def test_mean_tip_rate_is_the_rate_of_the_error_without_the_vibration() -> None:
     """Over the second half of a slew, its integral is how much the error at the tip has grown."""
     env = drm_env.DrmEnv(

@@ -100,6 +100,7 @@ def options(draw: st.DrawFn, most: int = 6) -> dict[str, Any]:
     found["observe_identified"] = draw(st.booleans())
     found["observe_tip_error"] = draw(st.booleans())
     found["observe_payload_estimate"] = draw(st.booleans())
+    found["observe_still_tip_error"] = draw(st.booleans())
     instruments = ["link1_gauge", "link2_gauge", "tip_accelerometer", "tip_gyro"]
     if draw(st.booleans()):
         seen = st.lists(st.sampled_from(instruments), unique=True, max_size=4)

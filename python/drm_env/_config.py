@@ -927,6 +927,12 @@ class Task:
     """
     observe_tip_error: bool = False
     """Whether the slew error taken to the tip is shown too, in metres."""
+    observe_still_tip_error: bool = False
+    """
+    Whether the error of the tip without the vibration is shown too: the slew error taken to the tip and what
+    the reference's acceleration bends, of the arm with the stiffness that it is built for and the payload
+    that the running estimate tells. The slew must be open loop.
+    """
     observe_payload_estimate: bool = False
     """
     Whether a running estimate of the error of the reported mass is shown, by the balance of angular

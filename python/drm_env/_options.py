@@ -233,6 +233,8 @@ class Options(Parameters, total=False):
     """Whether the identified error of the reported mass is shown."""
     observe_tip_error: bool
     """Whether the slew error taken to the tip is shown."""
+    observe_still_tip_error: bool
+    """Whether the error of the tip without the vibration is shown."""
     observe_payload_estimate: bool
     """Whether a running estimate of the payload is shown, and what follows from it."""
     observe_sensors: Sequence[ObservedSensor]

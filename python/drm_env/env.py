@@ -88,6 +88,7 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     ``root_momentum``, ``tip_momentum`` (stored)           N m s      500, 50
     ``identified_mass_error`` (``observe_identified``)     1          0.1
     ``tip_error``, ``.._fine`` (``observe_tip_error``)     m          0.05, 2
+    ``still_tip_error``, ``.._fine`` (``.._still_..``)     m          0.01, 3
     ``estimated_mass_error`` (``.._payload_estimate``)     1          0.1
     ``mean_tip_rate``, ``.._fine``, (with it)              m/s        0.05, 2
     ``missing_torque`` (with it)                           N m        100
@@ -106,7 +107,9 @@ class DrmEnv(OptionsAreNoAttributes, gym.Env[NDArray[np.float32], NDArray[np.flo
     disturb. By it ``mean_tip_rate`` is the rate of the error at the tip as the arm's angular
     momentum has it, and ``missing_torque`` what the payload takes beyond what the motor was told to
     give; it is previewed like the reference. ``tip_error`` is the slew error times the reach (x0 of
-    the fine entries is 10 mm and 10 mm/s). With ``observation_history`` = h > 1 the last h frames
+    the fine entries is 10 mm and 10 mm/s). ``still_tip_error`` (``observe_still_tip_error``; x0 is
+    0.5 mm) adds to it what the reference's acceleration bends of the arm that is believed, with the
+    payload of the running estimate: where the tip is but for the vibration. With ``observation_history`` = h > 1 the last h frames
     are stacked, older ones first, their names ending in ``@-1``, ``@-2``, ...
 
     Reward

@@ -22,7 +22,7 @@ use crate::config::mission::{Mission, ValidMission};
 use crate::config::options::{apply_option, overlay, release_fixed};
 use crate::config::parameter::{COUNT, Overrides, PARAMETERS, Randomize};
 use crate::config::scenario::{Scenario, ValidScenario};
-use crate::control::Law;
+use crate::control::{Law, ServoLaw};
 use crate::error::ConfigError;
 use crate::hardware::sensors::Sensors;
 use crate::math::rng::{Purpose, Seed, Stream};
@@ -95,6 +95,21 @@ impl EnvConfig {
             task: Task::default(),
             mission: None,
         }
+    }
+
+    /// What the arm is believed to be where an agent is shown what it bends: by the law below it, if that has a
+    /// model, else as it was built, whatever is drawn of it.
+    pub(crate) fn believed(&self) -> ServoLaw {
+        let [link1, link2] = [&self.scenario.arm.link1, &self.scenario.arm.link2];
+        self.task
+            .inner_law
+            .as_ref()
+            .and_then(Law::needs_model)
+            .copied()
+            .unwrap_or_else(|| ServoLaw {
+                bending_stiffness: [link1.bending_stiffness, link2.bending_stiffness],
+                ..ServoLaw::default()
+            })
     }
 
     /// The defaults of a registered environment.

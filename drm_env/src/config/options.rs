@@ -232,6 +232,12 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Whether the slew error taken to the tip is shown.",
     ),
     (
+        "observe_still_tip_error",
+        "task.observe_still_tip_error",
+        "-",
+        "Whether the error of the tip without the vibration is shown.",
+    ),
+    (
         "observe_payload_estimate",
         "task.observe_payload_estimate",
         "-",

@@ -94,6 +94,10 @@ pub struct Task {
     pub observe_identified: bool,
     /// Whether the slew error taken to the tip is shown too, in metres.
     pub observe_tip_error: bool,
+    /// Whether the error of the tip without the vibration is shown too: the slew error taken to the tip and what
+    /// the reference's acceleration bends, of the arm with the stiffness that it is built for and the payload
+    /// that the running estimate tells. The slew must be open loop.
+    pub observe_still_tip_error: bool,
     /// Whether a running estimate of the error of the reported mass is shown, by the balance of angular
     /// momentum since the beginning, and by it the rate of the error at the tip without the vibration, and
     /// the torque that the payload takes beyond what the slew motor was told to give: now and at each
@@ -122,6 +126,7 @@ impl Default for Task {
             observe_payload: ObservePayload::Reported,
             observe_identified: false,
             observe_tip_error: false,
+            observe_still_tip_error: false,
             observe_payload_estimate: false,
             observe_sensors: Vec::new(),
             observation_history: 1,
@@ -206,6 +211,7 @@ impl Task {
         for (name, asked) in [
             ("observe_identified", self.observe_identified),
             ("observe_payload_estimate", self.observe_payload_estimate),
+            ("observe_still_tip_error", self.observe_still_tip_error),
         ] {
             if asked && self.actuators.contains(&Actuator::SlewMotor) {
                 return Err(ConfigError::value(

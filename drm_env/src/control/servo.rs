@@ -243,6 +243,16 @@ impl ServoModel<f64> {
 }
 
 impl<T: Lane> ServoModel<T> {
+    /// Way of the tip from where the shoulder's tangent points, per angular acceleration of the arm as a whole
+    /// (m s^2), of the arm that only bends and does not vibrate.
+    #[inline(always)]
+    pub(crate) fn still_deflection(&self, extension: T, mass_error: T) -> T {
+        let limit = T::splat(LARGEST_MASS_ERROR);
+        let found = self.functions(extension, mass_error.limited(-limit, limit));
+        let (tilt, tip) = (found[FUNCTIONS - 2], found[FUNCTIONS - 1]);
+        tip - (self.link1 + extension) * tilt
+    }
+
     #[inline(always)]
     fn functions(&self, extension: T, mass_error: T) -> [T; FUNCTIONS] {
         let over_length = chebyshev::<T, LENGTHS>((extension - self.middle) * self.per_half);

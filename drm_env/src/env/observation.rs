@@ -71,6 +71,17 @@ const TIP_ERROR: [(&str, &str, f64); 2] = [("tip_error", "m", 0.05), ("tip_error
 /// Where the compressed error at the tip turns from linear to logarithmic, m.
 const TIP_ERROR_FINE: f64 = 0.01;
 
+/// Entries of the error of the tip without the vibration, if they are asked for: name, unit, scale. To the slew
+/// error taken to the tip they add what the reference's acceleration bends of the arm as it is believed, with the
+/// payload of the running estimate: link 1's deflection, which nothing measures, is in it.
+const STILL: [(&str, &str, f64); 2] = [
+    ("still_tip_error", "m", 0.01),
+    ("still_tip_error_fine", "-", 3.0),
+];
+
+/// Where the compressed error of the still tip turns from linear to logarithmic, m.
+const STILL_TIP_ERROR_FINE: f64 = 5e-4;
+
 /// Entries of the running estimate of the payload, if they are asked for: name, unit, scale. By it the rate of
 /// the error at the tip follows from the arm's angular momentum, without the vibration that the measured rate
 /// has.
@@ -127,6 +138,11 @@ pub fn observation_layout(task: &Task) -> Vec<Entry> {
             frame.push((name.to_owned(), unit, scale));
         }
     }
+    if task.observe_still_tip_error {
+        for (name, unit, scale) in STILL {
+            frame.push((name.to_owned(), unit, scale));
+        }
+    }
     let (missing, newton_metres, torque) = MISSING;
     if task.observe_payload_estimate {
         for (name, unit, scale) in ESTIMATED {
@@ -170,6 +186,7 @@ pub fn frame_size(task: &Task) -> usize {
     } else {
         0
     };
+    let still = STILL.len() * usize::from(task.observe_still_tip_error);
     let missing = usize::from(task.observe_payload_estimate);
     let estimated = (ESTIMATED.len() + 1) * missing;
     let preview = (PREVIEW.len() + missing) * task.preview_times.len();
@@ -177,6 +194,7 @@ pub fn frame_size(task: &Task) -> usize {
         + MOMENTUM.len()
         + identified
         + tip_error
+        + still
         + estimated
         + preview
         + task.observe_sensors.len()
@@ -271,6 +289,12 @@ pub(crate) fn observe<'a, T: Number>(
     } else {
         [T::splat(0.0); 2]
     };
+    let still = if task.observe_still_tip_error {
+        let error = flight.still_tip_error();
+        [error, asinh(error * (1.0 / STILL_TIP_ERROR_FINE))]
+    } else {
+        [T::splat(0.0); 2]
+    };
     for lane in lanes_of(lanes) {
         let row = frame(lane);
         let (fixed, mut preview) = row.split_at_mut(scaled.len());
@@ -293,6 +317,13 @@ pub(crate) fn observe<'a, T: Number>(
         let scaled = |value: f64, scale: f64| {
             (value * (1.0 / scale)).clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32
         };
+        if task.observe_still_tip_error {
+            let (entries, rest) = preview.split_at_mut(STILL.len());
+            for ((entry, value), (_, _, scale)) in entries.iter_mut().zip(still).zip(STILL) {
+                *entry = scaled(value.lane(lane), scale);
+            }
+            preview = rest;
+        }
         let (error, payload) = (error.lane(lane), flight.reported_share(lane));
         // what the payload takes beyond what the motor was told to give for it
         let lacking = |extension: &Extension<f64>, rate: f64, accel: f64| {
@@ -355,12 +386,18 @@ fn read_by<T: Number>(flight: &Flight<T>, sensor: ObservedSensor) -> T {
 }
 
 /// The frame of a flight now; `payload` is what is told of its payload.
-pub(crate) fn frame_now(flight: &Flight, task: &Task, payload: &[f64; 3]) -> Vec<f32> {
+pub(crate) fn frame_now(flight: &Flight, config: &EnvConfig, payload: &[f64; 3]) -> Vec<f32> {
+    let task = &config.task;
     let mut frame = vec![0.0; frame_size(task)];
     let mut place = Some(frame.as_mut_slice());
-    observe(flight, task, payload, 1, |_| {
-        place.take().unwrap_or_default()
-    });
+    let place = |_| place.take().unwrap_or_default();
+    if task.observe_still_tip_error {
+        let mut modelled = flight.clone();
+        modelled.model_for(&config.believed());
+        observe(&modelled, task, payload, 1, place);
+    } else {
+        observe(flight, task, payload, 1, place);
+    }
     frame
 }
 

@@ -197,7 +197,7 @@ impl<T: Number> EnvPack<T> {
         self.terms.put_lane(lane, &[0.0; 3]);
         self.episode_return.set_lane(lane, 0.0);
         self.diverged &= !(1 << lane);
-        let frame = frame_now(flight, &setup.config.task, &payload);
+        let frame = frame_now(flight, &setup.config, &payload);
         let size = setup.observation_size;
         for row in self.observations[lane * size..][..size].chunks_exact_mut(frame.len()) {
             row.copy_from_slice(&frame);
@@ -333,6 +333,9 @@ impl<T: Number> EnvPack<T> {
             }
         }
         let mut rows = self.observations.chunks_exact_mut(size).enumerate();
+        if task.observe_still_tip_error {
+            self.flight.model_for(&setup.config.believed());
+        }
         observe(&self.flight, task, &self.payload, valid, |lane| {
             // lanes come in rising order
             rows.by_ref()

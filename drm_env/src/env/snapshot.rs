@@ -213,7 +213,7 @@ impl EnvPack<f64> {
 
     /// Whether an observation shows a flight.
     pub(super) fn shows(&self, observation: &[f32], flight: &Flight, payload: &[f64; 3]) -> bool {
-        let frame = frame_now(flight, &self.config().task, payload);
+        let frame = frame_now(flight, self.config(), payload);
         // of a void state nothing is shown
         flight.void() != 0 || observation.ends_with(&frame)
     }

@@ -120,7 +120,7 @@ impl<T> Modelled<T> {
 impl<T: Number> Flight<T> {
     /// Makes the models that are not made yet.
     #[inline(always)]
-    pub(super) fn model_for(&mut self, servo: &ServoLaw) {
+    pub(crate) fn model_for(&mut self, servo: &ServoLaw) {
         let ready = self
             .modelled
             .as_ref()

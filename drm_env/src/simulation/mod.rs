@@ -225,6 +225,22 @@ impl<T: Number> Flight<T> {
         [error, momentum / error.mul_add(payload, reported)]
     }
 
+    /// Measured error of the slew at the tip, with the deflection that the reference's acceleration keeps up by
+    /// the model that has been made, m.
+    #[inline(always)]
+    pub(crate) fn still_tip_error(&self) -> T {
+        let [angle, ..] = self.measured();
+        let reference = &self.clock.reference;
+        let error = self.reach() * (angle - reference.angle);
+        let [mass_error, _] = self.estimate();
+        let deflection = self.modelled.as_ref().map_or(T::splat(0.0), |modelled| {
+            modelled
+                .model
+                .still_deflection(self.clock.extension.length, mass_error)
+        });
+        deflection.mul_add(reference.accel, error)
+    }
+
     /// The reported payload's share of a lane's moment of inertia.
     pub(crate) fn reported_share(&self, lane: usize) -> RigidInertia<f64> {
         self.fixed.payload_inertia.lane_of(lane)
