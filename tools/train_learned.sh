@@ -19,7 +19,7 @@ one() {
   case $method in
     dagger) .venv/bin/drm imitate --out "$out" --seed "$seed" --force ;;
     ppo) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo.toml" \
-      --env drm_env/SlewResidual-v1 --steps 2000000 --seed "$seed" --out "$out" --force ;;
+      --env drm_env/SlewResidual-v1 --steps 3000000 --seed "$seed" --out "$out" --force ;;
     sac) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac.toml" \
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
