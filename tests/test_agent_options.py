@@ -313,6 +313,17 @@ def test_missing_torque_is_what_the_reported_payload_lacks_of_the_inverse_dynami
         assert value[f"missing_torque{suffix}"] == pytest.approx(lacking, rel=2e-3, abs=0.02)
 
 
+def seen_after_six_seconds(**options: Any) -> dict[str, float]:
+    """Entries in their units after 6 s with the wheels at rest."""
+    env = drm_env.DrmEnv(observe_still_tip_error=True, **options)
+    layout = env.unwrapped.observation_layout
+    observation, _ = env.reset(seed=2)
+    for _ in range(600):
+        observation, *_ = env.step(np.zeros(2, dtype=np.float32))
+    env.close()
+    return {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}
+
+
 @pytest.mark.parametrize("mass_error", [0.0, 0.15, -0.15])
 @pytest.mark.parametrize(
     "damped", [{"structural_damping": 5e-3}, {"plant": "consistent", "damping_ratio": 0.1}]
@@ -328,13 +339,7 @@ def test_still_tip_error_is_that_of_the_tip_once_the_vibration_is_gone(
         "payload_mass": 300.0, "deployment_start": 4.0, "deployment_end": 4.0, "slew_angle": 1.5,
         **damped,
     }  # fmt: skip
-    env = drm_env.DrmEnv(observe_still_tip_error=True, mass_error=mass_error, **manoeuvre)
-    layout = env.unwrapped.observation_layout
-    observation, _ = env.reset(seed=2)
-    for _ in range(600):
-        observation, *_ = env.step(np.zeros(2, dtype=np.float32))
-    env.close()
-    value = {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}
+    value = seen_after_six_seconds(mass_error=mass_error, **manoeuvre)
     known = drm_env.resolve(mass_error=0.0, **manoeuvre).config.scenario
     flight = drm_env.simulate(known)
     now = int(np.searchsorted(flight["time"], 6.0 - 1e-9))
@@ -351,16 +356,10 @@ def test_still_tip_error_believes_the_arm_that_is_built_and_not_the_one_that_is_
     """Links of half the stiffness bend twice as much, and the agent is told of once."""
 
     def told(**stiffness: Any) -> float:
-        env = drm_env.DrmEnv(
-            observe_still_tip_error=True, structural_damping=5e-3, payload_mass=300.0,
-            mass_error=0.0, deployment_start=4.0, deployment_end=4.0, slew_angle=1.5, **stiffness,
+        value = seen_after_six_seconds(
+            structural_damping=5e-3, payload_mass=300.0, mass_error=0.0, deployment_start=4.0,
+            deployment_end=4.0, slew_angle=1.5, **stiffness,
         )  # fmt: skip
-        layout = env.unwrapped.observation_layout
-        observation, _ = env.reset(seed=2)
-        for _ in range(600):
-            observation, *_ = env.step(np.zeros(2, dtype=np.float32))
-        env.close()
-        value = {e.name: float(o) * e.scale for e, o in zip(layout, observation, strict=True)}
         return value["still_tip_error"] - 11.0 * value["slew_error"]
 
     built = told()

@@ -404,8 +404,6 @@ _SAC = (
     ),
 )
 
-_ON_MEMORY = ("learning_rate", "forgetting", "gae_lambda", "clip_range", "log_std_init")
-
 
 def _of(space: tuple[Dimension, ...], *names: str) -> tuple[Dimension, ...]:
     return tuple(dimension for dimension in space if dimension.name in names)
@@ -441,13 +439,13 @@ LEARNING: dict[str, tuple[Dimension, ...]] = {
             name="top_quantiles_to_drop_per_net",
             unit="1",
             choices=(0, 1, 2, 5),
-            reason="of 25 quantiles: the usual 2, none, and twice as many",
+            reason="of 25 quantiles: the usual 2, fewer, and 5",
         ),
     ),
     # it has no target networks that could follow
     "crossq": _without(_SAC, "tau"),
     "recurrent_ppo": (
-        *_of(_PPO, *_ON_MEMORY),
+        *_without(_PPO, "width", "n_epochs", "minibatches"),
         Dimension(
             name="lstm_units",
             unit="1",
