@@ -109,7 +109,7 @@ POLICIES = _all(
     ("ppo", "learned", "PPO, residual", "purple", "-", "<"),
     ("sac", "learned", "SAC, residual on the linear law", "sky blue", "-", ">"),
     ("ppo_direct", "learned", "PPO end to end", "purple", "--", "p"),
-    ("ppo_robust", "learned", "PPO end to end, drawn hardware", "purple", ":", "d"),
+    ("ppo_robust", "learned", "PPO end to end, drawn hardware", "purple", ":", "|"),
     ("sac_direct", "learned", "SAC end to end", "sky blue", "--", "h"),
 )
 """Every policy by name, in the order of tables."""
