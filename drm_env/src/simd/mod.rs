@@ -41,6 +41,9 @@ const ONE: u64 = 0x3ff0_0000_0000_0000;
 /// Bits of 2^52.
 const SHIFTED: u64 = 0x4330_0000_0000_0000;
 
+/// Environments in the widest pack.
+pub const WIDEST: usize = 8;
+
 /// Arithmetic that the plant, the integrator, the wheels, the laws and the task are written in.
 pub trait Lane:
     Copy
@@ -87,6 +90,9 @@ pub trait Lane:
     fn lane(&self, index: usize) -> f64;
     /// Sets lane `index`.
     fn set_lane(&mut self, index: usize, value: f64);
+    /// The first of these numbers, one a lane. Lane after lane would be slow: the pack goes to memory and
+    /// comes back each time.
+    fn of_lanes(values: &[f64; WIDEST]) -> Self;
 
     /// `1 / self`.
     #[inline(always)]
@@ -190,6 +196,11 @@ impl Lane for f64 {
     #[inline(always)]
     fn set_lane(&mut self, _index: usize, value: f64) {
         *self = value;
+    }
+
+    #[inline(always)]
+    fn of_lanes(values: &[f64; WIDEST]) -> Self {
+        values[0]
     }
 }
 

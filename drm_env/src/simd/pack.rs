@@ -2,7 +2,7 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use super::{Lane, laned_number};
+use super::{Lane, WIDEST, laned_number};
 
 /// `N` environments side by side; arithmetic acts on each lane alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -154,5 +154,10 @@ impl<const N: usize> Lane for Pack<N> {
     #[inline(always)]
     fn set_lane(&mut self, index: usize, value: f64) {
         self.0[index] = value;
+    }
+
+    #[inline(always)]
+    fn of_lanes(values: &[f64; WIDEST]) -> Self {
+        each_lane!(i in N: values[i])
     }
 }

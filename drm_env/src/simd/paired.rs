@@ -2,7 +2,7 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use super::{Lane, Laned};
+use super::{Lane, Laned, WIDEST};
 
 /// Two packs side by side; the first has the lower lanes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -160,5 +160,12 @@ impl<L: Lane> Lane for Paired<L> {
         } else {
             self.1.set_lane(index - L::WIDTH, value);
         }
+    }
+
+    #[inline(always)]
+    fn of_lanes(values: &[f64; WIDEST]) -> Self {
+        let mut second = [0.0; WIDEST];
+        second[..L::WIDTH].copy_from_slice(&values[L::WIDTH..2 * L::WIDTH]);
+        Self(L::of_lanes(values), L::of_lanes(&second))
     }
 }

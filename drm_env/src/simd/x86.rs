@@ -10,7 +10,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use super::{BIASED, Lane, MANTISSA, ONE, SHIFTED, laned_number};
+use super::{BIASED, Lane, MANTISSA, ONE, SHIFTED, WIDEST, laned_number};
 
 /// The intrinsics of one width.
 macro_rules! wide {
@@ -152,6 +152,14 @@ macro_rules! wide {
                 array[index] = value;
                 // SAFETY: an array of so many numbers has the size and bits of a register of them
                 self.0 = unsafe { std::mem::transmute::<[f64; $lanes], $register>(array) };
+            }
+
+            #[inline(always)]
+            fn of_lanes(values: &[f64; WIDEST]) -> Self {
+                let mut array = [0.0; $lanes];
+                array.copy_from_slice(&values[..$lanes]);
+                // SAFETY: as above
+                Self(unsafe { std::mem::transmute::<[f64; $lanes], $register>(array) })
             }
         }
     };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::ConsistentPlant;
-use super::arm_tables::{ConsistentArm, MOST_ELASTIC, PACKED, Slots};
+use super::arm_tables::{ConsistentArm, PACKED, Slots};
 use super::displacement::CAPACITY;
 use super::modal_damping::{ModalDamping, place};
 use super::terms::{Payload, Spin, Stiffness, Terms, Turned, Weights};
@@ -15,7 +15,7 @@ use crate::reference::Extension;
 use crate::reference::timeline::Piece;
 #[cfg(target_arch = "x86_64")]
 use crate::simd::Instructions;
-use crate::simd::Lane;
+use crate::simd::{Lane, WIDEST};
 
 /// What the plant was driven by at the end of its last step; all zero before the first.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -301,24 +301,31 @@ impl<T: Lane> ConsistentLanes<T> {
         }
     }
 
-    /// The damping by a ratio at a length; none where no lane has it.
+    /// Writes the damping by a ratio at a length; false, and nothing written, where no lane has it.
     #[inline(always)]
-    fn modal_damping<const N: usize>(&self, length: T, size: usize) -> Option<[[T; N]; N]> {
+    fn modal_damping<const N: usize>(&self, length: T, size: usize, all: &mut [[T; N]; N]) -> bool {
         if self.modal.is_empty() {
-            return None;
+            return false;
         }
-        let mut all = [[T::splat(0.0); N]; N];
-        let mut one = [0.0; MOST_ELASTIC];
-        for (lane, damping) in self.modal.iter().enumerate() {
-            let Some(damping) = damping else { continue };
-            damping.at(length.lane(lane), &mut one);
-            for i in 1..size {
-                for j in 1..size {
-                    all[i][j].set_lane(lane, one[place(i - 1, j - 1)]);
-                }
+        // lane after lane, then entry after entry: a pack is not written a lane at a time
+        let mut rows = [[[0.0; N]; N]; WIDEST];
+        for (lane, damping) in self.modal.iter().enumerate().take(WIDEST) {
+            if let Some(damping) = damping {
+                damping.at(length.lane(lane), rows[lane].as_flattened_mut());
             }
         }
-        Some(all)
+        for i in 1..size {
+            for j in 1..=i {
+                let entry = place(i - 1, j - 1);
+                let mut values = [0.0; WIDEST];
+                for lane in 0..T::WIDTH {
+                    values[lane] = rows[lane][entry / N][entry % N];
+                }
+                all[i][j] = T::of_lanes(&values);
+                all[j][i] = all[i][j];
+            }
+        }
+        true
     }
 
     /// [`ConsistentLanes::step`] of `modes` shapes a link, at most N coordinates; S and P are the lengths
@@ -364,7 +371,8 @@ impl<T: Lane> ConsistentLanes<T> {
             end.slew + end.root,
         );
         let tip = mean(begin.tip, middle.tip, end.tip);
-        let modal = self.modal_damping::<N>(extension.length, size);
+        let mut modal = [[T::splat(0.0); N]; N];
+        let damped = self.modal_damping(extension.length, size, &mut modal);
         // the terms with the whole arm's rate as at the beginning; what they miss is corrected
         let stiffness = terms.stiffness(-square, -accel, rate * rate);
         let off_axis = any(self.payload.offset);
@@ -379,7 +387,7 @@ impl<T: Lane> ConsistentLanes<T> {
             stiffness: &stiffness,
             force: driven(terms.force(slew, tip), square, accel),
             damping: self.payload.damping,
-            modal: modal.as_ref(),
+            modal: damped.then_some(&modal),
             position: T::splat(1.0),
             rate,
             accel,
@@ -413,7 +421,7 @@ impl<T: Lane> ConsistentLanes<T> {
                     change.where_set(started, accel),
                 ),
                 damping: self.payload.damping,
-                modal: modal.as_ref(),
+                modal: damped.then_some(&modal),
                 position: start,
                 rate: zero.where_set(started, rate),
                 accel: change.where_set(started, accel),
@@ -752,13 +760,14 @@ impl ConsistentLanes<f64> {
             terms.add_lever(square, accel, &mut force);
         }
         let stiffness = terms.stiffness(-square, -accel, rate * rate);
-        let modal = self.modal_damping::<N>(extension.length, size);
+        let mut modal = [[0.0; N]; N];
+        let damped = self.modal_damping(extension.length, size, &mut modal);
         let balance = Balance {
             terms: &terms,
             stiffness: &stiffness,
             force,
             damping: self.payload.damping,
-            modal: modal.as_ref(),
+            modal: damped.then_some(&modal),
             position: 1.0,
             rate,
             accel,
