@@ -144,6 +144,7 @@ impl Task {
         self.control_period = 0.1;
         self.observe_payload_estimate = true;
         self.observe_tip_error = true;
+        self.observe_still_tip_error = true;
         self.preview_times = vec![0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0];
         self.reward.resolution = 1e-3;
         self.reward.linear = 3.0;
