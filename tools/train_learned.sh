@@ -8,7 +8,7 @@ set -euo pipefail
 
 runs=${1:-results/benchmark/runs}
 shift || true
-methods=${*:-dagger ppo ppo_direct ppo_robust sac sac_direct}
+methods=${*:-dagger ppo ppo_direct ppo_robust ppo_flexible sac sac_direct}
 settings=baselines/drm_baselines/benchmark/learners
 shipped=baselines/drm_baselines/learned
 export OMP_NUM_THREADS=1
@@ -23,9 +23,11 @@ one() {
     sac) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac.toml" \
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
-      --env drm_env/Slew-v1 --steps 4000000 --seed "$seed" --out "$out" --force ;;
+      --env drm_env/Slew-v1 --steps 8000000 --seed "$seed" --out "$out" --force ;;
+    ppo_flexible) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
+      --env drm_env/SlewFlexible-v0 --steps 8000000 --seed "$seed" --out "$out" --force ;;
     ppo_robust) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_robust.toml" \
-      --env drm_env/Slew-v1 --steps 1500000 --seed "$seed" --out "$out" --force ;;
+      --env drm_env/Slew-v1 --steps 8000000 --seed "$seed" --out "$out" --force ;;
     sac_direct) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac_direct.toml" \
       --env drm_env/Slew-v0 --steps 250000 --seed "$seed" --out "$out" --force ;;
     *) echo "no method $method" >&2; exit 2 ;;
