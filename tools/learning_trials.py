@@ -140,14 +140,24 @@ LINEAR: tuple[tuple[str, str, Weights], ...] = (
     ("a third of that", "Slew-v1", {n: (a / 3.0, b / 3.0) for n, (a, b) in FOUR.items()}),
     ("`-tip_error`, `-2 mean_tip_rate`", "Slew-v1", {n: w for n, w in THREE.items() if w[0] < 0}),
     ("the same and `missing_torque`", "Slew-v1", THREE),
+    (
+        "and `still_tip_error` for `tip_error`",
+        "Slew-v1",
+        {**THREE, "tip_error": (0.0, 0.0), "still_tip_error": (-0.2, -0.06)},
+    ),
     ("the linear law alone", "SlewResidual-v1", {}),
     *(
         (
-            f"and -{weight:g} `tip_error_fine` on the root wheel",
+            f"and -{weight:g} `{entry}` on the root wheel",
             "SlewResidual-v1",
-            {"tip_error_fine": (-weight, 0.0)},
+            {entry: (-weight, 0.0)},
         )
-        for weight in (0.25, 1.0, 3.0)
+        for weight, entry in (
+            (1.0, "tip_error_fine"),
+            (3.0, "tip_error_fine"),
+            (1.0, "still_tip_error_fine"),
+            (3.0, "still_tip_error_fine"),
+        )
     ),
 )
 """Policies that are one linear map: title, task, weights."""
