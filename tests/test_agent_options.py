@@ -352,6 +352,17 @@ def test_still_tip_error_is_that_of_the_tip_once_the_vibration_is_gone(
     assert value["still_tip_error_fine"] == pytest.approx(fine, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("task", "shown"),
+    [("slew", False), ("slew_residual", False), ("slew_thesis", False), ("slew_direct", False),
+     ("slew_v1", True), ("slew_residual_v1", True), ("slew_flexible", True), ("mission", True)],
+)  # fmt: skip
+def test_tasks_made_for_learning_show_where_the_tip_is(task: str, shown: bool) -> None:
+    """docs/learning.md; version 0 keeps its layout."""
+    names = [entry.name for entry in drm_env.observation_layout(task=task)]
+    assert ("still_tip_error" in names) == ("still_tip_error_fine" in names) == shown
+
+
 def test_still_tip_error_believes_the_arm_that_is_built_and_not_the_one_that_is_drawn() -> None:
     """Links of half the stiffness bend twice as much, and the agent is told of once."""
 

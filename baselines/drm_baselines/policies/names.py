@@ -110,6 +110,7 @@ POLICIES = _all(
     ("sac", "learned", "SAC, residual on the linear law", "sky blue", "-", ">"),
     ("ppo_direct", "learned", "PPO end to end", "purple", "--", "p"),
     ("ppo_robust", "learned", "PPO end to end, drawn hardware", "purple", ":", "|"),
+    ("ppo_flexible", "learned", "PPO, residual on the servo, flexible arm", "purple", _LONG, "_"),
     ("sac_direct", "learned", "SAC end to end", "sky blue", "--", "h"),
 )
 """Every policy by name, in the order of tables."""

@@ -351,6 +351,7 @@ mod tests {
             a.abs().split().0,
             a.abs().split().1,
             a.abs().split().1.power_of_two(),
+            T::of_lanes(&x),
         ];
         for lane in 0..T::WIDTH {
             let (p, q, r) = (x[lane], y[lane], z[lane]);
@@ -376,6 +377,7 @@ mod tests {
                 p.abs().split().0,
                 p.abs().split().1,
                 p.abs().split().1.power_of_two(),
+                p,
             ];
             for (i, (result, expected)) in results.iter().zip(expected).enumerate() {
                 assert_eq!(result.lane(lane).to_bits(), expected.to_bits(), "{i}");
