@@ -24,8 +24,8 @@ one() {
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
       --env drm_env/Slew-v1 --steps 8000000 --seed "$seed" --out "$out" --force ;;
-    ppo_flexible) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
-      --env drm_env/SlewFlexible-v0 --steps 8000000 --seed "$seed" --out "$out" --force ;;
+    ppo_flexible) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_flexible.toml" \
+      --env drm_env/SlewFlexible-v0 --steps 600000 --seed "$seed" --out "$out" --force ;;
     ppo_robust) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_robust.toml" \
       --env drm_env/Slew-v1 --steps 8000000 --seed "$seed" --out "$out" --force ;;
     sac_direct) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac_direct.toml" \

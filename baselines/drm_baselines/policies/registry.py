@@ -47,8 +47,8 @@ def make_policy(
         ``"none"`` (open loop, or the environment's inner law alone), ``"linear"`` or
         ``"lyapunov"`` with the thesis' gains; ``"lqr"``, ``"linear_tuned"`` or
         ``"lyapunov_tuned"`` with those of ``drm tune``; ``"dagger"`` (or ``"learned"``), ``"ppo"``,
-        ``"sac"``, ``"ppo_direct"``, ``"ppo_robust"`` or ``"sac_direct"``, the first network of that
-        method that comes with the package, which acts in the task of its ``config``. What plans a
+        ``"sac"``, ``"ppo_direct"``, ``"ppo_robust"``, ``"ppo_flexible"`` or ``"sac_direct"``, the
+        first network of that method that comes with the package, in the task of its ``config``. What plans a
         whole manoeuvre (``"receding"``, ``"bound"``) does not act on observations: see
         :func:`drm_baselines.policies.pilots.pilot_named`.
     env

@@ -516,7 +516,7 @@ def test_packaging_settings_keeps_a_row_a_trial(
         assert row["seconds"] >= 0.0
 
 
-@pytest.mark.parametrize("name", ["ppo", "ppo_direct", "ppo_robust"])
+@pytest.mark.parametrize("name", ["ppo", "ppo_direct", "ppo_robust", "ppo_flexible"])
 def test_shipped_policies_were_trained_with_the_settings_of_their_file(name: str) -> None:
     settings = hyperparameters.load_hyperparameters("ppo", packaging.learner_file(name))
     runs = runs_in(shipped_runs() / name)
