@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import drm_env
 from drm_baselines.speed.measure import Spread, paired_ratio, seconds_of
@@ -19,10 +20,17 @@ _EPISODES = 32
 _UNIT = "us/simulated second"
 
 
-def _cost(plant: str, episodes: int, threads: int) -> Callable[[], float]:
-    scenario = {"plant": plant, "horizon": _HORIZON}
+_DAMPING_RATIO = 0.005
+"""That of ``drm_env/SlewFlexible-v0``."""
+
+
+def _cost(
+    plant: str, episodes: int, threads: int, damping_ratio: float = 0.0
+) -> Callable[[], float]:
+    scenario: dict[str, Any] = {"plant": plant, "horizon": _HORIZON}
     if plant == "consistent":
         scenario["modes"] = list(MODES)
+        scenario["dynamics"] = {"damping_ratio": damping_ratio}
     scenarios = [scenario] * episodes
     return lambda: (
         1e6
@@ -38,21 +46,30 @@ def run(bench: Bench) -> Section:
     headline: dict[str, float | None] = {}
     for threads in sorted({1, available}):
         where = "1 thread" if threads == 1 else f"{threads} threads"
-        names = f"thesis plant, {where}", f"consistent plant {MODES}, {where}"
+        names = (
+            f"thesis plant, {where}",
+            f"consistent plant {MODES}, {where}",
+            f"the same, every mode damped, {where}",
+        )
+        count = _EPISODES * threads
         measured = bench.interleave(
             f"consistent: {where}",
             {
-                names[0]: _cost("thesis", _EPISODES * threads, threads),
-                names[1]: _cost("consistent", _EPISODES * threads, threads),
+                names[0]: _cost("thesis", count, threads),
+                names[1]: _cost("consistent", count, threads),
+                names[2]: _cost("consistent", count, threads, _DAMPING_RATIO),
             },
         )
-        ratio = paired_ratio(measured[names[1]], measured[names[0]])
         rows.append(Row(names[0], Spread.of(measured[names[0]]), _UNIT))
-        rows.append(Row(names[1], Spread.of(measured[names[1]]), _UNIT, ratio, names[0]))
+        for name in names[1:]:
+            ratio = paired_ratio(measured[name], measured[names[0]])
+            rows.append(Row(name, Spread.of(measured[name]), _UNIT, ratio, names[0]))
+        ratio = paired_ratio(measured[names[1]], measured[names[0]])
         headline["consistent_over_thesis" + ("" if threads == 1 else "_all_cores")] = ratio.median
     notes = [
         f"drm_env.rollout of equal scenarios, {_HORIZON:g} s each under the linear law, "
         f"{_EPISODES} a thread; wall time over simulated time of all episodes. The consistent "
-        "plant's tables, made for each episode, are included."
+        "plant's tables, made for each episode, are included. Damped: by a ratio of "
+        f"{_DAMPING_RATIO:g}, as the arm of SlewFlexible-v0."
     ]
     return Section("consistent", "Cost of the consistent plant", rows, notes, headline)
