@@ -27,7 +27,7 @@ one() {
     ppo_flexible) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_flexible.toml" \
       --env drm_env/SlewFlexible-v0 --steps 600000 --seed "$seed" --out "$out" --force ;;
     ppo_robust) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_robust.toml" \
-      --env drm_env/Slew-v1 --steps 6000000 --seed "$seed" --out "$out" --force ;;
+      --env drm_env/Slew-v1 --steps 1500000 --seed "$seed" --out "$out" --force ;;
     sac_direct) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac_direct.toml" \
       --env drm_env/Slew-v0 --steps 250000 --seed "$seed" --out "$out" --force ;;
     *) echo "no method $method" >&2; exit 2 ;;
