@@ -23,7 +23,7 @@ one() {
     sac) .venv/bin/drm train --algo sac --hyperparameters "$settings/sac.toml" \
       --steps 250000 --seed "$seed" --out "$out" --force ;;
     ppo_direct) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_direct.toml" \
-      --env drm_env/Slew-v1 --steps 8000000 --seed "$seed" --out "$out" --force ;;
+      --env drm_env/Slew-v1 --steps 4000000 --seed "$seed" --out "$out" --force ;;
     ppo_flexible) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_flexible.toml" \
       --env drm_env/SlewFlexible-v0 --steps 600000 --seed "$seed" --out "$out" --force ;;
     ppo_robust) .venv/bin/drm train --algo ppo --hyperparameters "$settings/ppo_robust.toml" \
