@@ -576,6 +576,49 @@ def test_targets_of_thesis_are_about_every_headline_metric_and_the_best_law_in_i
     assert targets.targets(suite(*laws, learned, name="heavy")) == []
 
 
+def arm(*, law: float = 0.9, learned: float = 0.4, **law_metrics: float) -> SuiteResult:
+    """Those who fly the flexible arm; tip errors in mm."""
+    return suite(
+        level("linear", "law", 10.0), level("lyapunov", "law", 20.0),
+        level("servo_zvd", "shaped law", law, **law_metrics),
+        level("ppo_flexible", "learned", learned, seeds=2), name="flexible",
+    )  # fmt: skip
+
+
+def test_all_targets_of_the_flexible_arm_are_met_and_state_their_numbers() -> None:
+    found = targets.targets(arm())
+    assert [target.verdict for target in found] == ["met"] * 7
+    texts = [target.text for target in found]
+    assert "100 [100, 100] %); the target is at least 90.0 %" in texts[0]
+    assert "0.100 [0.100, 0.100] mm); the target is at most 1.00 mm" in texts[1]
+    assert "0.0900 [0.0900, 0.0900] times linear" in texts[2] and "at most 0.1 times" in texts[2]
+    assert "0.444 [0.444, 0.444] times servo_zvd" in texts[3] and "at most 0.5 times" in texts[3]
+
+
+@pytest.mark.parametrize(
+    ("options", "missed"),
+    [
+        ({"settled": 0.89}, 0),
+        ({"residual_rms": 1.01e-3}, 1),
+        ({"law": 1.01}, 2),
+        ({"learned": 0.46}, 3),
+        ({"residual_rms": 9e-5}, 4),
+        ({"final_slew_error": 9e-4}, 6),
+    ],
+)
+def test_each_target_of_the_flexible_arm_can_be_missed(
+    options: Mapping[str, Any], missed: int
+) -> None:
+    assert verdicts(arm(**options))[missed] == "missed"
+
+
+def test_the_flexible_arm_without_law_or_learned_policy() -> None:
+    nobody = suite(level("ppo_flexible", "learned", 1.0), name="flexible")
+    assert verdicts(nobody) == ["cannot be told apart"]
+    alone = suite(level("servo", "law", 1.0), name="flexible")
+    assert verdicts(alone) == ["met", "met", "cannot be told apart", "cannot be told apart"]
+
+
 def test_every_report_judges_thesis_on_the_episodes_with_the_exact_mass(tmp_path: Path) -> None:
     """Of each three episodes the first has the exact mass: there the policy is better."""
     tip = np.where(np.arange(8) % 3 == 0, 1e-3, 1.0)

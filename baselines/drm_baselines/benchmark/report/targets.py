@@ -34,6 +34,12 @@ REACH = 3.0
 MARGIN = 0.05
 """Target: the learned policy is worse than a law by at most this share of the law's figure."""
 
+FEWEST_SETTLED, MOST_RESIDUAL = 0.9, 1e-3
+"""Targets on the flexible arm: the best law settles this share of the episodes, with this (m)."""
+
+TENTH, HALF = 0.1, 0.5
+"""Targets there: of the thesis' laws' tip error for the best law, of that one's for the learned."""
+
 MET, MISSED, OPEN = "met", "missed", "cannot be told apart"
 """What is said about a target; see :func:`targets`."""
 
@@ -73,18 +79,20 @@ def targets(result: SuiteResult) -> list[Target]:
 
     The learned policy is the one with the least tip error RMS, with all its training seeds. In the
     suite ``robust`` it is held against the best tuned law and the bound, in ``thesis`` against the
-    best law in each headline metric, on the episodes whose reported mass is exact; other suites
-    have no targets.
+    best law in each headline metric, on the episodes whose reported mass is exact, in ``flexible``
+    against the best law, which has targets of its own there; other suites have no targets.
 
     Two policies are compared in pairs, on the episodes that both flew. A target is met if the whole
     95 % interval of the ratio or difference keeps it and missed if the whole interval breaks it;
     otherwise the two cannot be told apart, nor where there is nothing to be held against. "Not
     worse" means worse by at most :data:`MARGIN` of the law's figure.
     """
-    if result.suite not in ("robust", "thesis"):
+    if result.suite not in ("robust", "thesis", "flexible"):
         return []
     part = judged_part(result)
     learned = best(part, "learned")
+    if result.suite == "flexible":
+        return _flexible(part, learned)
     if learned is None:
         return [Target(f"No learned policy flew the suite {result.suite}.", OPEN)]
     if result.suite == "thesis":
@@ -108,28 +116,14 @@ def _verdict(ci95: tuple[float, float], limit: float) -> str:
 def _robust(result: SuiteResult, learned: Record) -> list[Target]:
     found: list[Target] = []
     tuned, bound = best(result, "tuned law"), bound_of(result)
-    label = describe(JUDGE).label
-    for other, limit, what in (
-        (tuned, SHARE, "the best tuned law"),
-        (bound, REACH, "the bound"),
-    ):
-        ratio = held_against(learned, other, ratio=True)
-        if other is None or ratio is None:
-            found.append(Target(f"{label}: {learned.title} cannot be held against {what}.", OPEN))
-            continue
-        left, right = _pair(learned, other, JUDGE)
-        text = (
-            f"{label}: {_claim(learned, left, JUDGE)} is {with_interval(ratio.value, ratio.ci95)} "
-            f"times {_claim(other, right, JUDGE)}, {what}, on {ratio.episodes} episodes; "
-            f"the target is at most {limit:.3g} times."
-        )
-        found.append(Target(text, _verdict(ratio.ci95, limit)))
+    found.append(_times(learned, tuned, SHARE, "the best tuned law"))
+    found.append(_times(learned, bound, REACH, "the bound"))
     if tuned is None or held_against(learned, tuned, ratio=True) is None:
         return found
     metric = describe(JUDGE)
     apart = difference(learned, tuned, JUDGE)
     text = (
-        f"{label}: {learned.title} minus {tuned.title}, in pairs, is "
+        f"{metric.label}: {learned.title} minus {tuned.title}, in pairs, is "
         f"{_signed(apart, metric.scale)} {metric.unit} on {apart.episodes} episodes; the target is "
         "less than 0."
     )
@@ -137,6 +131,49 @@ def _robust(result: SuiteResult, learned: Record) -> list[Target]:
     found.append(Target(text, MET if high < 0.0 else MISSED if low > 0.0 else OPEN))
     found.extend(_not_worse(learned, tuned, name) for name in _NOT_WORSE)
     return found
+
+
+def _times(first: Record, other: Record | None, limit: float, what: str) -> Target:
+    """The first one's tip error is at most so many times that of another."""
+    label = describe(JUDGE).label
+    ratio = held_against(first, other, ratio=True)
+    if other is None or ratio is None:
+        return Target(f"{label}: {first.title} cannot be held against {what}.", OPEN)
+    left, right = _pair(first, other, JUDGE)
+    text = (
+        f"{label}: {_claim(first, left, JUDGE)} is {with_interval(ratio.value, ratio.ci95)} "
+        f"times {_claim(other, right, JUDGE)}, {what}, on {ratio.episodes} episodes; "
+        f"the target is at most {limit:.3g} times."
+    )
+    return Target(text, _verdict(ratio.ci95, limit))
+
+
+def _flexible(result: SuiteResult, learned: Record | None) -> list[Target]:
+    law = best(result, "law", "tuned law", "shaped law")
+    if law is None:
+        return [Target(f"No law flew the suite {result.suite}.", OPEN)]
+    found = [_limit(law, "settled", FEWEST_SETTLED), _limit(law, "residual_rms", MOST_RESIDUAL)]
+    thesis = [record for record in result.records if record.policy in ("linear", "lyapunov")]
+    least = min(thesis, key=lambda record: estimate_of(record, JUDGE).value, default=None)
+    found.append(_times(law, least, TENTH, "the better of the thesis' laws"))
+    if learned is None:
+        return [*found, Target(f"No learned policy flew the suite {result.suite}.", OPEN)]
+    found.append(_times(learned, law, HALF, "the best law"))
+    found.extend(_not_worse(learned, law, name) for name in _NOT_WORSE)
+    return found
+
+
+def _limit(record: Record, name: str, limit: float) -> Target:
+    """A figure by itself keeps a limit."""
+    metric, figure = describe(name), estimate_of(record, name)
+    low, high = figure.interval
+    at_least = metric.better == "higher"
+    verdict = _verdict((-high, -low), -limit) if at_least else _verdict((low, high), limit)
+    text = (
+        f"{metric.label}: {_claim(record, figure, name)}; the target is "
+        f"{'at least' if at_least else 'at most'} {shown(limit, metric.scale)} {metric.unit}."
+    )
+    return Target(text, verdict)
 
 
 def _pair(first: Record, second: Record, name: str) -> tuple[Estimate, Estimate]:
