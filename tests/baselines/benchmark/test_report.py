@@ -576,7 +576,7 @@ def test_targets_of_thesis_are_about_every_headline_metric_and_the_best_law_in_i
     assert targets.targets(suite(*laws, learned, name="heavy")) == []
 
 
-def arm(*, law: float = 0.9, learned: float = 0.4, **law_metrics: float) -> SuiteResult:
+def arm(*, law: float = 0.9, learned: float = 0.4, **law_metrics: Any) -> SuiteResult:
     """Those who fly the flexible arm; tip errors in mm."""
     return suite(
         level("linear", "law", 10.0), level("lyapunov", "law", 20.0),
