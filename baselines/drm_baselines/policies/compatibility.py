@@ -318,6 +318,19 @@ class ObservationCheck:
 # --- tasks ----------------------------------------------------------------------------------------
 
 
+def complete_config(trained: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a policy's configuration with the options that came after its training.
+
+    It was complete in its time. An option that is not in it did not exist, and takes the engine's
+    own default, which changes nothing; the id's default of today may be another. A configuration
+    that this version cannot read stays as it is: environments made of it say why.
+    """
+    try:
+        return drm_env.resolve(config=trained).to_dict()
+    except drm_env.ConfigError:
+        return dict(trained)
+
+
 def check_trained_task(
     env_id: str, trained: Mapping[str, Any], layout: Sequence[Sequence[Any]], config: Any
 ) -> None:

@@ -11,7 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 import drm_env
 from drm_baselines.errors import PolicyError
-from drm_baselines.policies.compatibility import ObservationCheck, check_trained_task
+from drm_baselines.policies.compatibility import (
+    ObservationCheck,
+    check_trained_task,
+    complete_config,
+)
 
 Array = NDArray[np.float32]
 
@@ -113,7 +117,8 @@ class NetworkPolicy:
     """A trained network behind the ``predict`` call of Stable-Baselines3.
 
     ``control_period`` is the time between two decisions it was trained with, in s; ``env_id``
-    and ``config`` are the environment it was trained in.
+    and ``config`` are the environment it was trained in, the configuration completed by what this
+    version has and that of the training had not.
     """
 
     def __init__(self, network: Perceptron, description: Mapping[str, Any]) -> None:
@@ -121,7 +126,7 @@ class NetworkPolicy:
         self.description = dict(description)
         self.control_period = float(description["control_period"])
         self.env_id = str(description["env_id"])
-        self.config: dict[str, Any] = dict(description["config"])
+        self.config = complete_config(description["config"])
         self.name = "learned"
         self._check = ObservationCheck(self.name, description["observation_layout"])
 

@@ -48,9 +48,9 @@ def make_policy(
         ``"lyapunov"`` with the thesis' gains; ``"lqr"``, ``"linear_tuned"`` or
         ``"lyapunov_tuned"`` with those of ``drm tune``; ``"dagger"`` (or ``"learned"``), ``"ppo"``,
         ``"sac"``, ``"ppo_direct"``, ``"ppo_robust"``, ``"ppo_flexible"`` or ``"sac_direct"``, the
-        first network of that method that comes with the package, in the task of its ``config``. What plans a
-        whole manoeuvre (``"receding"``, ``"bound"``) does not act on observations: see
-        :func:`drm_baselines.policies.pilots.pilot_named`.
+        first network of that method that comes with the package, which acts in the task of its
+        ``config``. What plans a whole manoeuvre (``"receding"``, ``"bound"``) does not act on
+        observations: see :func:`drm_baselines.policies.pilots.pilot_named`.
     env
         The environment it will act in: single, vector or Stable-Baselines3. A law then divides by
         the torque limits of the very episodes that are flown; wrappers that change observations

@@ -33,6 +33,12 @@ macro_rules! wide {
                 // SAFETY: a register of so many numbers has the size and bits of an array of them
                 unsafe { std::mem::transmute::<$register, [f64; $lanes]>(self.0) }
             }
+
+            #[inline(always)]
+            fn of_array(array: [f64; $lanes]) -> Self {
+                // SAFETY: as above, the other way round
+                Self(unsafe { std::mem::transmute::<[f64; $lanes], $register>(array) })
+            }
         }
 
         wide!(@operators $name, Add add $add, Sub sub $sub, Mul mul $mul, Div div $div);
@@ -150,16 +156,14 @@ macro_rules! wide {
             fn set_lane(&mut self, index: usize, value: f64) {
                 let mut array = self.array();
                 array[index] = value;
-                // SAFETY: an array of so many numbers has the size and bits of a register of them
-                self.0 = unsafe { std::mem::transmute::<[f64; $lanes], $register>(array) };
+                *self = Self::of_array(array);
             }
 
             #[inline(always)]
             fn of_lanes(values: &[f64; WIDEST]) -> Self {
                 let mut array = [0.0; $lanes];
                 array.copy_from_slice(&values[..$lanes]);
-                // SAFETY: as above
-                Self(unsafe { std::mem::transmute::<[f64; $lanes], $register>(array) })
+                Self::of_array(array)
             }
         }
     };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +19,9 @@ from drm_baselines import PolicyError, PolicyWarning, make_policy
 from drm_baselines.evaluation.contestants import fly_trajectory
 from drm_baselines.evaluation.environments import environment_config
 from drm_baselines.evaluation.episodes import fly_law, fly_policy
+from drm_baselines.policies.compatibility import complete_config
+from drm_baselines.policies.pilots import shipped_run
+from drm_baselines.policies.policy_file import load_policy
 from drm_baselines.policies.registry import config_of, law_data
 
 ID, THESIS = "drm_env/Slew-v0", "drm_env/SlewThesis-v0"
@@ -387,3 +391,21 @@ def test_policies_at_their_own_period_do_not_warn() -> None:
         make_policy("none", env=gym.make("drm_env/SlewResidual-v0"))
         policy: Any = make_policy("learned")
         make_policy("learned", config=policy.config)
+
+
+def test_a_policy_flies_in_its_id_after_that_has_learned_to_show_more() -> None:
+    """PPO end to end was trained before ``observe_still_tip_error``, which its id has by now."""
+    run = shipped_run("ppo_direct")
+    kept = json.loads((run / "policy.json").read_text(encoding="utf-8"))["config"]["task"]
+    assert "observe_still_tip_error" not in kept
+    policy = load_policy(run)
+    assert policy.config["task"]["observe_still_tip_error"] is False
+    with gym.make(policy.env_id, config=policy.config) as env:
+        policy.check_task(env.unwrapped.config)  # type: ignore[attr-defined]
+        observation, _ = env.reset(seed=0)
+        policy.predict(observation)
+    assert "still_tip_error" in [e.name for e in drm_env.observation_layout(task="slew_v1")]
+
+
+def test_a_configuration_of_another_version_stays_as_it_is() -> None:
+    assert complete_config({"task": {"of_tomorrow": 1}}) == {"task": {"of_tomorrow": 1}}
