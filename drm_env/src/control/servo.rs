@@ -229,7 +229,7 @@ impl ServoModel<f64> {
 impl ServoModel<f64> {
     /// The model at an extension (m) and an error of the reported mass, as a part of it.
     pub fn node(&self, extension: f64, mass_error: f64) -> Node {
-        let found = self.functions(extension, mass_error);
+        let found: [f64; FUNCTIONS] = self.functions(0, extension, mass_error);
         Node {
             modes: std::array::from_fn(|k| Mode {
                 frequency: found[3 * k],
@@ -248,17 +248,18 @@ impl<T: Lane> ServoModel<T> {
     #[inline(always)]
     pub(crate) fn still_deflection(&self, extension: T, mass_error: T) -> T {
         let limit = T::splat(LARGEST_MASS_ERROR);
-        let found = self.functions(extension, mass_error.limited(-limit, limit));
-        let (tilt, tip) = (found[FUNCTIONS - 2], found[FUNCTIONS - 1]);
+        let mass_error = mass_error.limited(-limit, limit);
+        let [tilt, tip] = self.functions(FUNCTIONS - 2, extension, mass_error);
         tip - (self.link1 + extension) * tilt
     }
 
+    /// The model's functions from the `first` on.
     #[inline(always)]
-    fn functions(&self, extension: T, mass_error: T) -> [T; FUNCTIONS] {
+    fn functions<const N: usize>(&self, first: usize, extension: T, mass_error: T) -> [T; N] {
         let over_length = chebyshev::<T, LENGTHS>((extension - self.middle) * self.per_half);
         let over_mass = chebyshev::<T, MASSES>(mass_error * (1.0 / LARGEST_MASS_ERROR));
-        let mut found = [T::splat(0.0); FUNCTIONS];
-        for (value, function) in found.iter_mut().zip(&self.coefficients) {
+        let mut found = [T::splat(0.0); N];
+        for (value, function) in found.iter_mut().zip(&self.coefficients[first..]) {
             for i in 0..LENGTHS {
                 let mut sum = T::splat(0.0);
                 for k in 0..MASSES {
@@ -397,7 +398,7 @@ impl ServoLaw {
         let momentum = reported * rate - wheels;
 
         // the model at the mass believed so far
-        let found = model.functions(a, memory.mass);
+        let found: [T; FUNCTIONS] = model.functions(0, a, memory.mass);
         let (tilt, tip_way) = (found[FUNCTIONS - 2], found[FUNCTIONS - 1]);
 
         // the whole arm: prediction and correction
