@@ -401,7 +401,8 @@ def test_a_policy_flies_in_its_id_after_that_has_learned_to_show_more() -> None:
     policy = load_policy(run)
     assert policy.config["task"]["observe_still_tip_error"] is False
     with gym.make(policy.env_id, config=policy.config) as env:
-        policy.check_task(env.unwrapped.config)  # type: ignore[attr-defined]
+        inner: Any = env.unwrapped
+        policy.check_task(inner.config)
         observation, _ = env.reset(seed=0)
         policy.predict(observation)
     assert "still_tip_error" in [e.name for e in drm_env.observation_layout(task="slew_v1")]

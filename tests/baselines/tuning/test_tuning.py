@@ -534,6 +534,15 @@ def test_shipped_policies_were_trained_with_the_settings_of_their_file(name: str
         env.close()
 
 
+def test_what_learns_on_the_flexible_arm_is_what_learns_on_the_thesis_arm() -> None:
+    """Settings untouched; the task differs."""
+    first, flexible = (
+        hyperparameters.load_hyperparameters("ppo", packaging.learner_file(name))
+        for name in ("ppo", "ppo_flexible")
+    )
+    assert dataclasses.replace(flexible, env=first.env) == first
+
+
 @pytest.mark.parametrize("name", ["sac", "sac_direct"])
 def test_learners_of_the_benchmark_are_what_their_search_found(name: str) -> None:
     file = packaging.learner_file(name)

@@ -37,7 +37,7 @@ MARGIN = 0.05
 FEWEST_SETTLED, MOST_RESIDUAL = 0.9, 1e-3
 """Targets on the flexible arm: the best law settles this share of the episodes, with this (m)."""
 
-TENTH, HALF = 0.1, 0.5
+OF_THESIS, OF_BEST = 0.1, 0.5
 """Targets there: of the thesis' laws' tip error for the best law, of that one's for the learned."""
 
 MET, MISSED, OPEN = "met", "missed", "cannot be told apart"
@@ -155,10 +155,10 @@ def _flexible(result: SuiteResult, learned: Record | None) -> list[Target]:
     found = [_limit(law, "settled", FEWEST_SETTLED), _limit(law, "residual_rms", MOST_RESIDUAL)]
     thesis = [record for record in result.records if record.policy in ("linear", "lyapunov")]
     least = min(thesis, key=lambda record: estimate_of(record, JUDGE).value, default=None)
-    found.append(_times(law, least, TENTH, "the better of the thesis' laws"))
+    found.append(_times(law, least, OF_THESIS, "the better of the thesis' laws"))
     if learned is None:
         return [*found, Target(f"No learned policy flew the suite {result.suite}.", OPEN)]
-    found.append(_times(learned, law, HALF, "the best law"))
+    found.append(_times(learned, law, OF_BEST, "the best law"))
     found.extend(_not_worse(learned, law, name) for name in _NOT_WORSE)
     return found
 

@@ -20,10 +20,6 @@ _EPISODES = 32
 _UNIT = "us/simulated second"
 
 
-_DAMPING_RATIO = 0.005
-"""That of ``drm_env/SlewFlexible-v0``."""
-
-
 def _cost(
     plant: str, episodes: int, threads: int, damping_ratio: float = 0.0
 ) -> Callable[[], float]:
@@ -42,6 +38,8 @@ def _cost(
 def run(bench: Bench) -> Section:
     """Fly the thesis manoeuvre with both plants, on one thread and on all."""
     available = cores()
+    flexible = drm_env.resolve("drm_env/SlewFlexible-v0").config.scenario
+    damping_ratio = flexible.dynamics.damping_ratio
     rows = []
     headline: dict[str, float | None] = {}
     for threads in sorted({1, available}):
@@ -57,7 +55,7 @@ def run(bench: Bench) -> Section:
             {
                 names[0]: _cost("thesis", count, threads),
                 names[1]: _cost("consistent", count, threads),
-                names[2]: _cost("consistent", count, threads, _DAMPING_RATIO),
+                names[2]: _cost("consistent", count, threads, damping_ratio),
             },
         )
         rows.append(Row(names[0], Spread.of(measured[names[0]]), _UNIT))
@@ -70,6 +68,6 @@ def run(bench: Bench) -> Section:
         f"drm_env.rollout of equal scenarios, {_HORIZON:g} s each under the linear law, "
         f"{_EPISODES} a thread; wall time over simulated time of all episodes. The consistent "
         "plant's tables, made for each episode, are included. Damped: by a ratio of "
-        f"{_DAMPING_RATIO:g}, as the arm of SlewFlexible-v0."
+        f"{damping_ratio:g}, as the arm of SlewFlexible-v0."
     ]
     return Section("consistent", "Cost of the consistent plant", rows, notes, headline)
