@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,17 @@ class Reader:
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.goto(path.as_uri())
+
+    def wait_until(self, expression: str, seconds: float = 10.0) -> None:
+        """Ask from outside until it is true.
+
+        Playwright's own wait evaluates the text inside the page, which the page's
+        content security policy forbids.
+        """
+        end = time.monotonic() + seconds
+        while not self.page.evaluate(expression):
+            assert time.monotonic() < end, f"not true after {seconds} s: {expression}"
+            self.page.wait_for_timeout(20)
 
     def leave(self) -> None:
         """Nothing was complained of, and nothing but the page was asked for."""
@@ -153,7 +165,7 @@ def test_playing_moves_time_and_keys_step(browser: Any, pages: dict[str, Path]) 
     reader = Reader(browser, pages["simulation"])
     page, clock = reader.page, reader.page.locator(".transport output")
     page.locator("[data-act=play]").click()
-    page.wait_for_function("drm.flights[0].time > 0.05")
+    reader.wait_until("drm.flights[0].time > 0.05")
     page.locator("[data-act=play]").click()
     stopped = clock.inner_text()
     page.locator(".drawn").first.focus()
