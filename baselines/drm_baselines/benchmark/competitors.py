@@ -28,14 +28,14 @@ from drm_baselines.policies.policy_file import load_policy
 from drm_baselines.suites import Manoeuvres
 from drm_baselines.support import provenance
 
-BOUND_EPISODES = {"unmodelled": 40, "heavy": 100, "rough": 100, "flexible": 40}
+BOUND_EPISODES = {"unmodelled": 200, "heavy": 200, "rough": 200, "flexible": 200}
 """Episodes whose bound is solved, evenly spread; all in other suites. A programme of the consistent
 plant has three times as many unknowns, one of a heavy payload needs several attempts."""
 
 LQG_EPISODES = {"flexible": 100}
 """Episodes that the LQG flies, evenly spread; all in other suites. It is asked by Python."""
 
-RECEDING_EPISODES = {"robust": 125, "unmodelled": 20, "heavy": 10, "rough": 20, "flexible": 20}
+RECEDING_EPISODES = {"unmodelled": 200, "heavy": 200, "rough": 200, "flexible": 200}
 """Episodes that the receding-horizon controller flies, evenly spread among those of the bound; all
 in other suites. It solves several programmes a flight."""
 

@@ -25,6 +25,7 @@ from drm_baselines.optimal_control.payload_models import MassModels, merged, pro
 from drm_baselines.optimal_control.quadratic_program import torque_limits
 from drm_baselines.optimal_control.staged import feedback, plan, stages_of
 from drm_baselines.optimal_control.tvlqr import saturation
+from drm_baselines.policies.gains import load_settings
 from drm_baselines.policies.pilots import refuse_missions
 from drm_baselines.support import cores
 from drm_baselines.support.processes import process_pool
@@ -41,9 +42,13 @@ _OBSERVED = (
 )  # fmt: skip
 
 
+_SEARCHED: Mapping[str, float] = load_settings("receding")["settings"]
+"""What ``drm tune receding`` found, by setting."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Receding:
-    """Settings of the controller.
+    """Settings of the controller; eight of them by default as ``drm tune receding`` found them.
 
     Attributes
     ----------
@@ -79,18 +84,18 @@ class Receding:
     """
 
     hold: int = 10
-    smoothing: float = 1.0e-4
-    authority: float = 0.998
-    effort: float = 1.0e-3
-    sway: float = 3.0e-4
+    smoothing: float = _SEARCHED["smoothing"]
+    authority: float = _SEARCHED["authority"]
+    effort: float = _SEARCHED["effort"]
+    sway: float = _SEARCHED["sway"]
     doubt: float = 0.1
-    disturbance: float = 0.02
+    disturbance: float = _SEARCHED["disturbance"]
     look: int = 2
-    tolerance: float = 2.0e-3
+    tolerance: float = _SEARCHED["tolerance"]
     settling: float = 1.0
     known: float = 1.0e-4
-    period: float = 1.0
-    drift: float = 5.0e-5
+    period: float = _SEARCHED["period"]
+    drift: float = _SEARCHED["drift"]
     range: float = 0.25
 
     def config(self, scenario: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,6 +128,8 @@ def told(scenario: Mapping[str, Any], payload: Sequence[float]) -> dict[str, Any
         "horizon", "root_wheel", "tip_wheel",
     )  # fmt: skip
     known = {name: scenario[name] for name in kept}
+    # a ratio is a damping of the consistent plant alone
+    known["dynamics"] = {**known["dynamics"], "damping_ratio": 0.0}
     mass, length, width = (float(value) for value in payload)
     return {
         **known,

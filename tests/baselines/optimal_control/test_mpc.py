@@ -108,6 +108,7 @@ def test_what_is_told_holds_nothing_of_the_truth() -> None:
     other = copy.deepcopy(whole)
     other["payload"].update(mass=300.0, length=1.7)
     other.update(mass_error=-0.1, plant="thesis", initial={})
+    other["dynamics"]["damping_ratio"] = 0.004
     reported = (187.0, 0.9, 0.45)
     found = told(whole, reported)
     assert found == told(other, reported)
@@ -129,6 +130,11 @@ def test_noise_lag_and_delay_are_flown() -> None:
     scenario = next(s for s in suites.load("rough").scenarios if s["slew"]["angle"] < 0.5)
     linear = drm_env.rollout([scenario], law="linear")["tip_error_rms"][0]
     assert fly_one(scenario)["tip_error_rms"] < 0.1 * linear
+
+
+def test_the_flexible_arm_is_flown_though_it_is_damped_as_the_thesis_plant_is_not() -> None:
+    scenario = {**SHORT, "plant": "consistent", "dynamics": {"damping_ratio": 0.005}}
+    assert fly_one(scenario)["tip_error_rms"] > 0.0
 
 
 def test_bad_input_is_refused() -> None:
