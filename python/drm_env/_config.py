@@ -446,6 +446,15 @@ class SlewMotor:
     Largest torque at the shoulder, N m, that the motor gives of what the open loop asks for; null is
     no limit. What is missing leaves the arm behind its reference, or beyond it.
     """
+    gear_ratio: float = 1845.0
+    """Gear ratio Ng between motor and shoulder (thesis table 4-1: 1845)."""
+    shaft_stiffness: float | None = None
+    """
+    Stiffness of the drive shaft between gear and shoulder, N m/rad; null is none: the motor's torque is
+    the arm's, as in the thesis. With a shaft the rotor has an inertia of its own, Ng^2 Im at the shoulder.
+    """
+    shaft_damping: float = 0.0
+    """Damping of the drive shaft, N m s/rad."""
 
 
 @dataclass(frozen=True, kw_only=True)

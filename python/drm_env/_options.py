@@ -181,6 +181,12 @@ class Options(Parameters, total=False):
     """Torque limit of the slew motor as an actuator. Unit: N m."""
     motor_torque_limit: SupportsFloat | None
     """Torque limit of the slew motor in open loop. Unit: N m."""
+    motor_gear_ratio: SupportsFloat
+    """Gear ratio between motor and shoulder."""
+    motor_shaft_stiffness: SupportsFloat | None
+    """Stiffness of the drive shaft; null is no shaft. Unit: N m/rad."""
+    motor_shaft_damping: SupportsFloat
+    """Damping of the drive shaft. Unit: N m s/rad."""
     slew_final_time: SupportsFloat | None
     """Duration of the slew, in the place of its acceleration. Unit: s."""
     slew_times: Sequence[SupportsFloat] | NDArray[Any]

@@ -76,6 +76,24 @@ pub const OPTIONS: &[(&str, &str, &str, &str)] = &[
         "Torque limit of the slew motor in open loop.",
     ),
     (
+        "motor_gear_ratio",
+        "scenario.slew_motor.gear_ratio",
+        "-",
+        "Gear ratio between motor and shoulder.",
+    ),
+    (
+        "motor_shaft_stiffness",
+        "scenario.slew_motor.shaft_stiffness",
+        "N m/rad",
+        "Stiffness of the drive shaft; null is no shaft.",
+    ),
+    (
+        "motor_shaft_damping",
+        "scenario.slew_motor.shaft_damping",
+        "N m s/rad",
+        "Damping of the drive shaft.",
+    ),
+    (
         "slew_final_time",
         "scenario.slew.final_time",
         "s",

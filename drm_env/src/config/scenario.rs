@@ -231,10 +231,9 @@ impl Scenario {
         tip.validate().map_err(|e| e.within("tip_wheel"))?;
         self.delay_samples("root_wheel.dead_time", root.dead_time)?;
         self.delay_samples("tip_wheel.dead_time", tip.dead_time)?;
-        positive("slew_motor.torque_limit", self.slew_motor.torque_limit)?;
-        if let Some(limit) = self.slew_motor.open_loop_limit {
-            positive("slew_motor.open_loop_limit", limit)?;
-        }
+        self.slew_motor
+            .validate()
+            .map_err(|e| e.within("slew_motor"))?;
         self.sensors.validate().map_err(|e| e.within("sensors"))?;
         self.delay_samples("sensors.delay", self.sensors.delay)?;
         self.dynamics.validate().map_err(|e| e.within("dynamics"))?;
@@ -286,6 +285,11 @@ impl Scenario {
                 let requirement = "must be 0 in the thesis' plant; plant = consistent has it";
                 return Err(ConfigError::value(path, requirement, value));
             }
+        }
+        if let Some(stiffness) = self.slew_motor.shaft_stiffness {
+            let requirement = "must be null in the thesis' plant; plant = consistent has it";
+            let path = "slew_motor.shaft_stiffness";
+            return Err(ConfigError::value(path, requirement, stiffness));
         }
         Ok(())
     }

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::check::{non_negative, positive};
+use crate::error::ConfigError;
 use crate::simd::{Lane, laned};
 
 /// Which drag and inertia constants the motor model uses.
@@ -45,12 +47,17 @@ impl MotorConstants {
         }
     }
 
-    /// What the current is made of.
+    /// What the current is made of with the thesis' gear.
     pub fn gains(self) -> CurrentGains<f64> {
+        self.geared(GEAR_RATIO)
+    }
+
+    /// What the current is made of with any gear.
+    pub fn geared(self, gear_ratio: f64) -> CurrentGains<f64> {
         CurrentGains {
-            torque: 1.0 / (GEAR_RATIO * TORQUE_CONSTANT),
-            rate: self.drag() * GEAR_RATIO / TORQUE_CONSTANT,
-            accel: self.rotor_inertia() * GEAR_RATIO / TORQUE_CONSTANT,
+            torque: 1.0 / (gear_ratio * TORQUE_CONSTANT),
+            rate: self.drag() * gear_ratio / TORQUE_CONSTANT,
+            accel: self.rotor_inertia() * gear_ratio / TORQUE_CONSTANT,
         }
     }
 
@@ -103,6 +110,86 @@ pub struct SlewMotor {
     /// Largest torque at the shoulder, N m, that the motor gives of what the open loop asks for; null is
     /// no limit. What is missing leaves the arm behind its reference, or beyond it.
     pub open_loop_limit: Option<f64>,
+    /// Gear ratio Ng between motor and shoulder (thesis table 4-1: 1845).
+    pub gear_ratio: f64,
+    /// Stiffness of the drive shaft between gear and shoulder, N m/rad; null is none: the motor's torque is
+    /// the arm's, as in the thesis. With a shaft the rotor has an inertia of its own, Ng^2 Im at the shoulder.
+    pub shaft_stiffness: Option<f64>,
+    /// Damping of the drive shaft, N m s/rad.
+    pub shaft_damping: f64,
+}
+
+/// The drive shaft and what turns at its motor's end, told at the shoulder.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveShaft<T = f64> {
+    /// Inertia Ng^2 Im of rotor and gear, kg m^2.
+    pub rotor_inertia: T,
+    /// N m/rad.
+    pub stiffness: T,
+    /// N m s/rad.
+    pub damping: T,
+}
+
+impl<T: Lane> DriveShaft<T> {
+    /// Torque on the arm, N m, that the shaft's twist (rad) and its rate (rad/s) make, rotor before arm.
+    #[inline(always)]
+    pub fn torque(&self, twist: T, rate: T) -> T {
+        self.stiffness.mul_add(twist, self.damping * rate)
+    }
+}
+
+/// Bounds of a gear ratio.
+const GEAR_RATIOS: (f64, f64) = (1.0, 1e5);
+/// Bounds of a drive shaft's stiffness, N m/rad: from a spring that holds nothing to ten thousand times the
+/// bending stiffness of the arm.
+const SHAFT_STIFFNESSES: (f64, f64) = (1.0, 1e10);
+
+impl SlewMotor {
+    /// Refuses what no motor has.
+    ///
+    /// # Errors
+    /// A limit, ratio, stiffness or damping out of its range.
+    pub(crate) fn validate(&self) -> Result<(), ConfigError> {
+        positive("torque_limit", self.torque_limit)?;
+        if let Some(limit) = self.open_loop_limit {
+            positive("open_loop_limit", limit)?;
+        }
+        let within = |name: &str, value: f64, (least, most): (f64, f64)| {
+            if (least..=most).contains(&value) {
+                return Ok(());
+            }
+            let requirement = format!("must be within {least} to {most:e}");
+            Err(ConfigError::value(name, requirement, value))
+        };
+        within("gear_ratio", self.gear_ratio, GEAR_RATIOS)?;
+        if let Some(stiffness) = self.shaft_stiffness {
+            within("shaft_stiffness", stiffness, SHAFT_STIFFNESSES)?;
+        }
+        non_negative("shaft_damping", self.shaft_damping)?;
+        if self.shaft_stiffness.is_none() && self.shaft_damping != 0.0 {
+            let requirement = "must be 0 without a shaft; shaft_stiffness gives one";
+            return Err(ConfigError::value(
+                "shaft_damping",
+                requirement,
+                self.shaft_damping,
+            ));
+        }
+        Ok(())
+    }
+
+    /// What the current is made of.
+    pub(crate) fn gains(&self) -> CurrentGains<f64> {
+        self.constants.geared(self.gear_ratio)
+    }
+
+    /// The drive shaft, if there is one.
+    pub fn shaft(&self) -> Option<DriveShaft> {
+        self.shaft_stiffness.map(|stiffness| DriveShaft {
+            rotor_inertia: self.gear_ratio * self.gear_ratio * self.constants.rotor_inertia(),
+            stiffness,
+            damping: self.shaft_damping,
+        })
+    }
 }
 
 impl Default for SlewMotor {
@@ -112,6 +199,9 @@ impl Default for SlewMotor {
             constants: MotorConstants::Fitted,
             torque_limit: 5000.0,
             open_loop_limit: None,
+            gear_ratio: GEAR_RATIO,
+            shaft_stiffness: None,
+            shaft_damping: 0.0,
         }
     }
 }

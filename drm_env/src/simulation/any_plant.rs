@@ -39,6 +39,8 @@ pub(crate) struct Consistent<T> {
     /// Each alone.
     pub(super) plants: Vec<Arc<ConsistentPlant>>,
     pub(super) scheme: GeneralizedAlpha,
+    /// Inertia of the rotor before a drive shaft, kg m^2, a lane an entry; nothing where no lane has a shaft.
+    pub(super) rotor_inertia: Option<T>,
 }
 
 impl<T: Number> Consistent<T> {
@@ -48,12 +50,29 @@ impl<T: Number> Consistent<T> {
         for (lane, plant) in plants.iter().enumerate() {
             together &= lanes.set_lane(lane, plant);
         }
-        Self {
+        let mut body = Self {
             lanes,
             together,
             plants,
             scheme,
-        }
+            rotor_inertia: None,
+        };
+        body.find_rotors();
+        body
+    }
+
+    fn find_rotors(&mut self) {
+        let inertias = self.plants.iter().map(|plant| plant.shaft());
+        let inertias: Vec<f64> = inertias
+            .map(|shaft| shaft.map_or(0.0, |shaft| shaft.rotor_inertia))
+            .collect();
+        self.rotor_inertia = inertias.iter().any(|x| *x > 0.0).then(|| {
+            let mut all = T::splat(0.0);
+            for (lane, inertia) in inertias.iter().enumerate() {
+                all.set_lane(lane, *inertia);
+            }
+            all
+        });
     }
 }
 
@@ -224,7 +243,8 @@ impl AnyPlant<f64> {
             PlantModel::Thesis => Ok(Self::Thesis(Constants::new(arm, payload, dynamics))),
             PlantModel::Consistent => {
                 let [link1, link2] = scenario.modes;
-                let plant = ConsistentPlant::new(arm, payload, dynamics, (link1, link2), range)?;
+                let plant = ConsistentPlant::new(arm, payload, dynamics, (link1, link2), range)?
+                    .with_shaft(scenario.slew_motor.shaft())?;
                 let scheme = GeneralizedAlpha::new(dynamics.spectral_radius)
                     .map_err(|e| e.within("dynamics"))?;
                 let plants = vec![Arc::new(plant)];
@@ -261,7 +281,7 @@ impl AnyPlant<f64> {
     pub fn coordinates(&self) -> usize {
         match self {
             Self::Thesis(_) => 3,
-            Self::Consistent(body) => body.plants[0].size(),
+            Self::Consistent(body) => body.plants[0].coordinates(),
         }
     }
 
@@ -307,7 +327,7 @@ impl AnyPlant<f64> {
                 } else {
                     seen.state
                 };
-                state.q[0] -= angle;
+                body.plants[0].turn_back(&mut state, angle);
                 let outputs = body.outputs(&state, extension);
                 Motion::Consistent(Box::new(Seen { state, outputs }))
             }
@@ -451,6 +471,7 @@ impl<T: Number> AnyPlant<T> {
                 body.plants[lane] = Arc::clone(&single.plants[0]);
                 if body.together {
                     body.together = body.lanes.set_lane(lane, &single.plants[0]);
+                    body.find_rotors();
                 } else {
                     // the others may be of this arm again
                     **body = Consistent::of(std::mem::take(&mut body.plants), body.scheme);

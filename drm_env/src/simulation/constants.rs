@@ -101,7 +101,7 @@ impl LaneConstants<f64> {
             tip: limits(&plan.tip),
             direction: plan.direction(),
             slew_end_time: plan.slew_end_time,
-            current: plan.scenario.slew_motor.constants.gains(),
+            current: plan.scenario.slew_motor.gains(),
             link1_length: arm.link1.length,
             stored: 0.0,
         }

@@ -3,9 +3,7 @@
 
 use super::Flight;
 use crate::hardware::sensors::INSTRUMENTS;
-use crate::hardware::slew_motor::{
-    ARMATURE_RESISTANCE, BACK_EMF_CONSTANT, CurrentGains, GEAR_RATIO,
-};
+use crate::hardware::slew_motor::{ARMATURE_RESISTANCE, BACK_EMF_CONSTANT, CurrentGains};
 use crate::plant::consistent::{CAPACITY, ConsistentPlant};
 use crate::plant::loads::{InertiaLoads, LoadModel, Moving};
 use crate::plant::thesis::{Constants, Prepared};
@@ -80,6 +78,7 @@ pub(crate) struct LoadMeter {
     model: LoadModel,
     body: Body,
     current: CurrentGains<f64>,
+    gear_ratio: f64,
     inertia: RigidInertia<f64>,
     link1_length: f64,
     sample_period: f64,
@@ -124,6 +123,7 @@ impl LoadMeter {
             model,
             body,
             current: flight.fixed.current.lane_of(lane),
+            gear_ratio: scenario.slew_motor.gear_ratio,
             inertia: flight.fixed.inertia.lane_of(lane),
             link1_length: scenario.arm.link1.length,
             sample_period: flight.sample_period(),
@@ -150,6 +150,17 @@ impl LoadMeter {
                 flight.common.tip.momentum.lane(lane),
             ],
             energy: power * self.sample_period,
+        }
+    }
+
+    /// Torque on the arm at the shoulder, N m: that of the drive shaft if there is one, that of the slew motor (or
+    /// brakes) if not.
+    fn on_arm(&self, motion: &Motion<f64>, slew: f64) -> f64 {
+        match (&self.body, motion) {
+            (Body::Consistent(plant), Motion::Consistent(seen)) => {
+                plant.shaft_torque(&seen.state).unwrap_or(slew)
+            }
+            _ => slew,
         }
     }
 
@@ -213,8 +224,9 @@ impl LoadMeter {
         extension: &Extension<f64>,
         torques: [f64; 3],
     ) -> [f64; INSTRUMENTS] {
-        let [slew, root, _] = torques;
-        self.inertia_loads(motion, extension, torques)
+        let [slew, root, tip] = torques;
+        let slew = self.on_arm(motion, slew);
+        self.inertia_loads(motion, extension, [slew, root, tip])
             .map_or([f64::NAN; INSTRUMENTS], |(found, ..)| {
                 [slew + root, found.moment, found.tip_acceleration]
             })
@@ -229,8 +241,10 @@ impl LoadMeter {
             momenta,
             energy,
         } = before;
-        let [slew, root, _] = torques;
-        let Some((found, angle, turned)) = self.inertia_loads(motion, extension, torques) else {
+        let [driving, root, tip] = torques;
+        let slew = self.on_arm(motion, driving);
+        let Some((found, angle, turned)) = self.inertia_loads(motion, extension, [slew, root, tip])
+        else {
             return [f64::NAN; LOAD_NAMES.len()];
         };
         let (sin, cos) = (libm::sin(angle), libm::cos(angle));
@@ -238,7 +252,7 @@ impl LoadMeter {
             |[along, across]: [f64; 2]| [along * cos - across * sin, along * sin + across * cos];
         let [base_x, base_y] = turn(found.base);
         let [tip_x, tip_y] = turn([self.link1_length + extension.length, found.tip]);
-        let motor = if self.braked { 0.0 } else { slew };
+        let motor = if self.braked { 0.0 } else { driving };
         let (rate, accel) = (reference.rate, reference.accel);
         let wanted = if self.held {
             motor
@@ -248,7 +262,7 @@ impl LoadMeter {
         let given = self.inertia.given(wanted);
         let current = self.current.current(motor, reference.rate, reference.accel);
         let voltage =
-            ARMATURE_RESISTANCE * current + BACK_EMF_CONSTANT * GEAR_RATIO * reference.rate;
+            ARMATURE_RESISTANCE * current + BACK_EMF_CONSTANT * self.gear_ratio * reference.rate;
         [
             // what turns the hub has no inertia of its own
             slew + root,

@@ -115,6 +115,13 @@ impl Plan {
         range: (f64, f64),
     ) -> Result<Self, ConfigError> {
         let deployment_start = leg.map_or(0.0, |leg| leg.deployment_start);
+        if let (Some(_), Some(stiffness)) = (leg, scenario.slew_motor.shaft_stiffness) {
+            return Err(ConfigError::value(
+                "slew_motor.shaft_stiffness",
+                "must be null in a mission: its brakes and holds know no drive shaft",
+                stiffness,
+            ));
+        }
         let payload = scenario.true_payload()?;
         let reported = scenario.reported()?;
         let (root, tip) = (scenario.root_wheel.wheel(), scenario.tip_wheel.wheel());

@@ -38,6 +38,21 @@ impl<T: Number> Implicit<'_, T> {
     }
 }
 
+impl<T: Number> Implicit<'_, T> {
+    /// Adds what the open loop gives for the rotor's own acceleration before a drive shaft, as the reference has
+    /// it. An agent's torque is what it says.
+    #[inline(never)]
+    fn turn_rotor(&self, inertia: T, places: &[T; 3], torques: &mut [Torques<T>; 3]) {
+        if self.slew.is_some() {
+            return;
+        }
+        for (torques, u) in torques.iter_mut().zip(places) {
+            let (accel, _) = self.piece.motion(*u);
+            torques.slew = inertia.mul_add(accel, torques.slew);
+        }
+    }
+}
+
 variants!(implicit_steps);
 
 impl<T: Number> Work for Implicit<'_, T> {
@@ -54,6 +69,7 @@ impl<T: Number> Work for Implicit<'_, T> {
             together,
             plants,
             scheme,
+            rotor_inertia: _,
         } = self.body;
         let (from, h) = (self.span.from, self.span.h);
         let balance = scheme.balance_point();
@@ -69,7 +85,7 @@ impl<T: Number> Work for Implicit<'_, T> {
             } else {
                 h.mul_add(T::splat(step as f64 + 1.0), from)
             };
-            let torques = [
+            let mut torques = [
                 Torques {
                     slew: self.at(begin),
                     root: root.start,
@@ -88,6 +104,10 @@ impl<T: Number> Work for Implicit<'_, T> {
             ];
             if step == 0 {
                 first = [torques[0].slew, torques[0].root, torques[0].tip];
+            }
+            if let Some(inertia) = self.body.rotor_inertia {
+                let places = [begin, h.mul_add(T::splat(0.5), begin), end];
+                self.turn_rotor(inertia, &places, &mut torques);
             }
             let extension = self.piece.extension(h.mul_add(T::splat(balance), begin));
             // one environment alone chooses its instructions itself

@@ -58,6 +58,10 @@
 //! 2 l q, l = Mp h (b - X t), to what turns, z, whose pull bends the arm by omega^2 l. Terms of second order
 //! in the deflection that are proportional to h are left out.
 //!
+//! A drive shaft between the slew motor and the shoulder adds one coordinate, phi of the rotor, after all others:
+//! J phi'' = S - k (phi - theta) - d (phi' - theta'), and the arm gets k (phi - theta) + d (phi' - theta') in the
+//! place of S.
+//!
 //! What depends on the arm alone is made once and shared by all flights of that arm: integrals between
 //! the shapes of link 1 as Chebyshev series over all lengths, exact to rounding, and constants of
 //! link 2's shapes. The payload, closed forms of the length and the rest follow in the step, which is
@@ -79,6 +83,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::arm::mode_shape::ShapeFamily;
 use crate::arm::{Arm, PayloadProperties};
 use crate::error::ConfigError;
+use crate::hardware::slew_motor::DriveShaft;
 use crate::plant::energy::Energy;
 use crate::plant::{Dynamics, TipTorque, Torques};
 use crate::reference::Extension;
@@ -217,6 +222,7 @@ impl ConsistentPlant {
                     whole,
                 },
                 modal: Vec::new(),
+                shaft: None,
             },
             range,
         };
@@ -233,6 +239,41 @@ impl ConsistentPlant {
             plant.lanes.modal = vec![Some(Arc::new(damping.ok_or_else(singular)?))];
         }
         Ok(plant)
+    }
+
+    /// The same arm behind a drive shaft, or behind none.
+    ///
+    /// # Errors
+    /// Too many modes: the rotor's angle takes the place of one.
+    pub fn with_shaft(mut self, shaft: Option<DriveShaft>) -> Result<Self, ConfigError> {
+        self.lanes.shaft = shaft;
+        if self.coordinates() > CAPACITY {
+            let requirement = format!(
+                "must be at most {} in all before a drive shaft",
+                CAPACITY - 2
+            );
+            return Err(ConfigError::value("modes", requirement, self.size() - 1));
+        }
+        Ok(self)
+    }
+
+    /// The drive shaft, if there is one.
+    pub fn shaft(&self) -> Option<DriveShaft> {
+        self.lanes.shaft
+    }
+
+    /// Torque of the drive shaft on the arm, N m, if there is one.
+    pub fn shaft_torque(&self, state: &ConsistentState) -> Option<f64> {
+        let [angle, rate] = [state.q, state.v].map(|x| x[self.size()] - x[0]);
+        self.lanes.shaft.map(|shaft| shaft.torque(angle, rate))
+    }
+
+    /// Tells the angles of a state from another zero, `angle` further on (rad).
+    pub(crate) fn turn_back(&self, state: &mut ConsistentState, angle: f64) {
+        state.q[0] -= angle;
+        if self.lanes.shaft.is_some() {
+            state.q[self.size()] -= angle;
+        }
     }
 
     /// One of the matrices at rest.
@@ -279,9 +320,14 @@ impl ConsistentPlant {
         Terms::new(&self.lanes.arm, &self.lanes.payload, self.modes(), a, true)
     }
 
-    /// Number of coordinates, 1 + n + m.
+    /// Number of coordinates of the arm, 1 + n + m.
     pub fn size(&self) -> usize {
         self.field().size()
+    }
+
+    /// Number of all coordinates: those of the arm, and the rotor's angle before a drive shaft.
+    pub fn coordinates(&self) -> usize {
+        self.size() + usize::from(self.lanes.shaft.is_some())
     }
 
     /// Number of shapes of link 1 and link 2.
@@ -364,8 +410,17 @@ impl ConsistentPlant {
         let line = self.value(&sums.offset_line, &state.q);
         let (moment, lever) = self.off_axis(state, extension);
         let turn_rate = rate + self.tip_slope(state, extension).1;
+        let shaft = self.lanes.shaft.map_or([0.0; 2], |shaft| {
+            let [angle, rate] = [state.q, state.v].map(|x| x[self.size()]);
+            let twist = angle - state.q[0];
+            [
+                0.5 * shaft.rotor_inertia * rate * rate,
+                0.5 * shaft.stiffness * twist * twist,
+            ]
+        });
         Energy {
-            kinetic: 0.5 * form(&sums.mass, &v, &v)
+            kinetic: shaft[0]
+                + 0.5 * form(&sums.mass, &v, &v)
                 + ad * form(&sums.drift, &v, &q)
                 + 0.5 * ad * ad * form(&sums.drift_square, &q, &q)
                 - ad * (rate * line + moment * turn_rate)
@@ -374,7 +429,7 @@ impl ConsistentPlant {
                     * whole
                     * (form(&sums.offset, &q, &q) - load * form(&sums.centrifugal, &q, &q)
                         + 2.0 * lever),
-            potential: 0.5 * form(&sums.stiffness(self.lanes.payload.stiffness), &q, &q)
+            potential: shaft[1] + 0.5 * form(&sums.stiffness(self.lanes.payload.stiffness), &q, &q)
                 - 0.5 * load * extension.accel * form(&sums.thrust, &q, &q),
         }
     }
@@ -479,6 +534,9 @@ impl ConsistentPlant {
         for i in 1..self.size() {
             let (position, rate) = if i <= link1 { alpha } else { beta };
             (q[i], v[i]) = (bent[i] * position, bent[i] * rate);
+        }
+        if self.lanes.shaft.is_some() {
+            (q[self.size()], v[self.size()]) = slew;
         }
         ConsistentState::new(q, v)
     }

@@ -9,6 +9,7 @@ use super::arm_tables::{ConsistentArm, PACKED, Slots};
 use super::displacement::CAPACITY;
 use super::modal_damping::{ModalDamping, place};
 use super::terms::{Payload, Spin, Stiffness, Terms, Turned, Weights};
+use crate::hardware::slew_motor::DriveShaft;
 use crate::math::generalized_alpha::{Equations, GeneralizedAlpha, Jump, Motion, factorize, solve};
 use crate::plant::Torques;
 use crate::reference::Extension;
@@ -152,6 +153,8 @@ pub struct ConsistentLanes<T> {
     pub(super) payload: Payload<T>,
     /// Damping by a ratio, a lane an entry; empty where no lane has it.
     pub(super) modal: Vec<Option<Arc<ModalDamping>>>,
+    /// The drive shaft: in every lane, or in none.
+    pub(super) shaft: Option<DriveShaft<T>>,
 }
 
 impl<T: Lane> ConsistentLanes<T> {
@@ -181,12 +184,19 @@ impl<T: Lane> ConsistentLanes<T> {
                 Some(damping) => vec![damping.clone(); T::WIDTH],
                 None => Vec::new(),
             },
+            shaft: plant.lanes.shaft.map(|shaft| DriveShaft {
+                rotor_inertia: T::splat(shaft.rotor_inertia),
+                stiffness: T::splat(shaft.stiffness),
+                damping: T::splat(shaft.damping),
+            }),
         }
     }
 
-    /// Whether a plant can fly beside the ones here: of the same arm, modes, shapes and axial load.
+    /// Whether a plant can fly beside the ones here: of the same arm, modes, shapes and axial load, and with a
+    /// drive shaft or without like them.
     pub fn fits(&self, plant: &ConsistentPlant) -> bool {
-        Arc::ptr_eq(&self.arm, &plant.lanes.arm) || self.arm == plant.lanes.arm
+        self.shaft.is_some() == plant.lanes.shaft.is_some()
+            && (Arc::ptr_eq(&self.arm, &plant.lanes.arm) || self.arm == plant.lanes.arm)
     }
 
     /// Puts a plant into lane `index`; one that does not fit ([`ConsistentLanes::fits`]) is refused by
@@ -206,6 +216,11 @@ impl<T: Lane> ConsistentLanes<T> {
         }
         all.damping.set_lane(index, one.damping);
         all.whole.set_lane(index, one.whole);
+        if let (Some(all), Some(one)) = (&mut self.shaft, &plant.lanes.shaft) {
+            all.rotor_inertia.set_lane(index, one.rotor_inertia);
+            all.stiffness.set_lane(index, one.stiffness);
+            all.damping.set_lane(index, one.damping);
+        }
         let damping = plant.lanes.modal.first().cloned().flatten();
         if damping.is_some() && self.modal.is_empty() {
             self.modal = vec![None; T::WIDTH];
@@ -292,12 +307,17 @@ impl<T: Lane> ConsistentLanes<T> {
         const S8: usize = Slots::new(8).count;
         // the usual numbers of modes on their own, all others by the room that they need
         let modes = self.arm.modes();
+        let shaft = self.shaft.as_ref();
         let args = (scheme, torques, extension, h, active, held);
-        match modes {
-            (4, 4) => self.step_of::<9, S4, 10>((4, 4), state, args),
-            (2, 2) if T::WIDTH != 2 => self.step_of::<5, S2, 3>((2, 2), state, args),
-            (n, m) if n + m < 9 => self.step_of::<9, S7, 28>(modes, state, args),
-            _ => self.step_of::<CAPACITY, S8, PACKED>(modes, state, args),
+        match (modes, shaft) {
+            ((4, 4), None) => self.step_of::<9, S4, 10>((4, 4), state, args, None),
+            ((2, 2), None) if T::WIDTH != 2 => {
+                self.step_of::<5, S2, 3>((2, 2), state, args, None);
+            }
+            ((n, m), _) if n + m + usize::from(shaft.is_some()) < 9 => {
+                self.step_of::<9, S7, 28>(modes, state, args, shaft);
+            }
+            _ => self.step_of::<CAPACITY, S8, PACKED>(modes, state, args, shaft),
         }
     }
 
@@ -336,8 +356,9 @@ impl<T: Lane> ConsistentLanes<T> {
         modes: (usize, usize),
         state: &mut ConsistentState<T>,
         (scheme, torques, extension, h, active, held): Arguments<'_, T>,
+        shaft: Option<&DriveShaft<T>>,
     ) {
-        let size = (1 + modes.0 + modes.1).min(N);
+        let size = (1 + modes.0 + modes.1 + usize::from(shaft.is_some())).min(N);
         let zero = T::splat(0.0);
         let (rate, accel) = (extension.rate, extension.accel);
         let started = state.drive.started;
@@ -365,12 +386,25 @@ impl<T: Lane> ConsistentLanes<T> {
         let mean = |begin: T, middle: T, end: T| {
             begin * weights[0] + middle * weights[1] + end * weights[2]
         };
-        let slew = mean(
-            begin.slew + begin.root,
-            middle.slew + middle.root,
-            end.slew + end.root,
-        );
         let tip = mean(begin.tip, middle.tip, end.tip);
+        // behind a drive shaft the motor turns the rotor, and not the arm
+        let (slew, rotor) = match shaft {
+            None => {
+                let [begin, middle, end] = [begin, middle, end].map(|all| all.slew + all.root);
+                (mean(begin, middle, end), zero)
+            }
+            Some(_) => (
+                mean(begin.root, middle.root, end.root),
+                mean(begin.slew, middle.slew, end.slew),
+            ),
+        };
+        let forces = |slew: T, tip: T, rotor: T| {
+            let mut force = terms.force(slew, tip);
+            if shaft.is_some() {
+                force[size - 1] = rotor;
+            }
+            force
+        };
         let mut modal = [[T::splat(0.0); N]; N];
         let damped = self.modal_damping(extension.length, size, &mut modal);
         // the terms with the whole arm's rate as at the beginning; what they miss is corrected
@@ -385,7 +419,7 @@ impl<T: Lane> ConsistentLanes<T> {
         let balance = Balance {
             terms: &terms,
             stiffness: &stiffness,
-            force: driven(terms.force(slew, tip), square, accel),
+            force: driven(forces(slew, tip, rotor), square, accel),
             damping: self.payload.damping,
             modal: damped.then_some(&modal),
             position: T::splat(1.0),
@@ -395,9 +429,13 @@ impl<T: Lane> ConsistentLanes<T> {
             spin: &spin,
             turned: &turned,
             held: held.map(|[_, balanced]| balanced),
+            shaft,
         };
         let last = &state.drive;
-        let new_slew = (begin.slew - last.slew) + (begin.root - last.root);
+        let (new_slew, new_rotor) = match shaft {
+            None => ((begin.slew - last.slew) + (begin.root - last.root), zero),
+            Some(_) => (begin.root - last.root, begin.slew - last.slew),
+        };
         let new_tip = begin.tip - last.tip;
         let start = T::splat(1.0) - started;
         let mut first;
@@ -413,9 +451,10 @@ impl<T: Lane> ConsistentLanes<T> {
                 terms: &terms,
                 stiffness: &stiffness,
                 force: driven(
-                    terms.force(
+                    forces(
                         new_slew.where_set(started, slew),
                         new_tip.where_set(started, tip),
+                        new_rotor.where_set(started, rotor),
                     ),
                     zero.where_set(started, square),
                     change.where_set(started, accel),
@@ -429,6 +468,7 @@ impl<T: Lane> ConsistentLanes<T> {
                 spin: &spin,
                 turned: &turned,
                 held: held.map(|[begin, _]| zero.where_set(started, begin)),
+                shaft,
             };
             let mut still = motion.v;
             for v in &mut still {
@@ -439,8 +479,8 @@ impl<T: Lane> ConsistentLanes<T> {
                 change: &first,
                 started,
             }
-        } else if any(new_slew) || any(new_tip) {
-            first = terms.force(new_slew, new_tip);
+        } else if any(new_slew) || any(new_tip) || any(new_rotor) {
+            first = forces(new_slew, new_tip, new_rotor);
             if held.is_some() {
                 first[0] = zero;
             }
@@ -497,6 +537,8 @@ struct Balance<'a, T, const N: usize, const S: usize, const P: usize> {
     turned: &'a Turned<T, N>,
     /// Angular acceleration of a shoulder that is held: its equation takes the place of the slew angle's.
     held: Option<T>,
+    /// Whose motor's end is the last coordinate.
+    shaft: Option<&'a DriveShaft<T>>,
 }
 
 impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
@@ -504,7 +546,7 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
 {
     #[inline(always)]
     fn size(&self) -> usize {
-        self.terms.size()
+        (self.terms.size() + usize::from(self.shaft.is_some())).min(N)
     }
 
     #[inline(always)]
@@ -549,6 +591,13 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
                 }
             }
         }
+        if let Some(shaft) = self.shaft {
+            let (last, coupling) = (size - 1, shaft.torque(stiffness, velocity));
+            out[0][0] += coupling;
+            out[0][last] -= coupling;
+            out[last][0] -= coupling;
+            out[last][last] = mass.mul_add(shaft.rotor_inertia, coupling);
+        }
         if self.held.is_some() {
             out[0] = [T::splat(0.0); N];
             out[0][0] = mass;
@@ -588,6 +637,12 @@ impl<T: Lane, const N: usize, const S: usize, const P: usize> Equations<T, N>
         let grown = self.rate * turned.inertia * turns;
         for i in 0..size {
             rest[i] = spin.row[i].mul_add(whole, grown.mul_add(spin.growth[i], rest[i]));
+        }
+        if let Some(shaft) = self.shaft {
+            let last = size - 1;
+            let torque = shaft.torque((q[last] - q[0]) * self.position, v[last] - v[0]);
+            rest[0] -= torque;
+            rest[last] = torque;
         }
         for (rest, force) in rest.iter_mut().zip(&self.force).take(size) {
             *rest = *force - *rest;
@@ -775,6 +830,7 @@ impl ConsistentLanes<f64> {
             spin: &spin,
             turned: &turned,
             held: None,
+            shaft: None,
         };
         let mut factors = [[0.0; N]; N];
         balance.effective(1.0, 0.0, 0.0, &mut factors);

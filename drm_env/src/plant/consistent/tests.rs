@@ -200,7 +200,7 @@ fn fly_pack<T: Lane, const USUAL: bool>(
         if USUAL {
             const S4: usize = Slots::new(4).count;
             let args = (&scheme, &torques, &extension, h, active, None);
-            lanes.step_of::<9, S4, 10>((4, 4), &mut state, args);
+            lanes.step_of::<9, S4, 10>((4, 4), &mut state, args, None);
         } else {
             lanes.step(&scheme, &mut state, &torques, &extension, h, (active, None));
         }
