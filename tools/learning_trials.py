@@ -89,7 +89,7 @@ TRIALS: dict[str, Trial] = {
             group=SLEW,
             algorithm=title.lower(),
             env_id="drm_env/Slew-v1",
-            steps=100_000,
+            steps=40_000,
             n_envs=4,
             settings={},
         )
