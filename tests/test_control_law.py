@@ -104,7 +104,7 @@ def test_wrong_shapes_and_laws_are_refused() -> None:
     control = drm_env.ControlLaw("linear")
     with pytest.raises(drm_env.SimulationError, match=r"measurements must have shape \[2, 18\]"):
         control.torques(np.zeros((2, 5)), np.zeros((2, 3)), np.ones(2, bool))
-    with pytest.raises(drm_env.SimulationError, match=r"state must have shape \[2, 21\]"):
+    with pytest.raises(drm_env.SimulationError, match=r"state must have shape \[2, 22\]"):
         control.torques(np.zeros((2, 18)), np.zeros((3, 3)), np.ones(2, bool))
     with pytest.raises(drm_env.ConfigError, match="pid"):
         drm_env.ControlLaw("pid")

@@ -143,6 +143,9 @@ def test_what_no_motor_has_is_refused(scenario: dict[str, Any], message: str) ->
 
 
 def test_a_mission_refuses_a_drive_shaft() -> None:
-    content = {"scenario": FLIGHT | {"horizon": 20.0}, "mission": {"legs": [{"kind": "slew", "angle": 0.3}]}}
+    content = {
+        "scenario": FLIGHT | {"horizon": 20.0},
+        "mission": {"legs": [{"kind": "slew", "angle": 0.3}]},
+    }
     with pytest.raises(drm_env.ConfigError, match=r"shaft_stiffness must be null in a mission"):
         drm_env.simulate(content)

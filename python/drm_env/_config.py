@@ -163,7 +163,7 @@ class ServoLaw:
     """Part of the wheels' torque that the parabola counts on."""
     damping: tuple[float, float, float] = (0.1, 0.01, 0.001)
     """Damping ratio that the root wheel adds to each of the three lowest modes."""
-    damping_torque: float = 90.0
+    damping_torque: float = 20.0
     """Most of the root wheel's torque that damping may take, N m."""
     observer_ratio: tuple[float, float, float] = (0.1, 0.15, 0.15)
     """Rate at which the observer of each mode forgets, as a part of its angular frequency."""
@@ -173,12 +173,22 @@ class ServoLaw:
     """What the whole arm's angle may drift as the filter believes it, rad/s^(1/2)."""
     mass_deviation: float = 0.09
     """Standard deviation of the reported mass as the filter believes it, as a part of it."""
+    mass_drift: float = 0.003
+    """
+    What the mass may drift as the filter believes it, as a part of it, 1/s^(1/2): the dimensions of a payload are
+    reported wrong with its mass, and what that makes of its inertia depends on the length.
+    """
     bending_stiffness: tuple[float, float] = (2500000.0, 3000000.0)
     """Bending stiffness of the links as the law believes it, N m^2."""
     damping_ratio: float = 0.005
     """Damping ratio of the modes as the law believes it."""
     delay: float = 0.002
     """Delay of the measurements as the law believes it, s: up to half a sample none, else one sample."""
+    lean: float | None = None
+    """
+    Part of the wheels' torque that a plan counts on, by which the arm leans out before the wheels run out of
+    torque; null is none. The plan takes the place of the servomechanism, and has to know the manoeuvre ahead.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)

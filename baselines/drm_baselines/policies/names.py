@@ -103,6 +103,7 @@ POLICIES = _all(
     ("collocated", "tuned law", "collocated, scheduled", "green", _DOTS, "4"),
     ("servo_zv", "shaped law", "servo, slew shaped by ZV", "green", ":", "+"),
     ("servo_zvd", "shaped law", "servo, slew shaped by ZVD", "green", _LONG, "x"),
+    ("servo_lean_zvd", "shaped law", "servo that leans out, shaped by ZVD", "green", "-.", "."),
     ("lqg", "controller", "LQG, scheduled", "purple", _DOTS, "d"),
     ("receding", "controller", "adaptive receding horizon", "green", "-", "P"),
     ("dagger", "learned", "imitation and gradient, residual", "vermilion", "-", "*"),

@@ -354,10 +354,17 @@ class ShapedPilot:
         return self._pilot.trajectory(self._shaped(scenario), seed=seed, decimation=decimation)
 
 
+LEAN_SHARE = 0.95
+"""Part of the wheels' torque that the plan counts on; the rest is for feedback."""
+
+VARIANTS: Mapping[str, Mapping[str, Any]] = {"servo_lean": {"name": "servo", "lean": LEAN_SHARE}}
+"""Laws of shaped manoeuvres that are another law with a parameter."""
+
+
 def shaped_pilot(name: str) -> ShapedPilot:
     """Return a law with the shaper that its name says: ``servo_zv``."""
     law, _, kind = find(name).name.rpartition("_")
-    return ShapedPilot(name, law_data(law), kind)
+    return ShapedPilot(name, VARIANTS[law] if law in VARIANTS else law_data(law), kind)
 
 
 def network_pilot(name: str) -> NetworkPilot:

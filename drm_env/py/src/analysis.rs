@@ -242,8 +242,14 @@ impl Law {
     #[new]
     fn new(law: &str, config: &Config) -> Outcome<Self> {
         guarded(|| {
+            let law = law_from_json(law)?;
+            if let Some(share) = law.needs_model().and_then(|servo| servo.lean) {
+                let requirement = "must be null where the manoeuvre ahead is not known; simulate, \
+                                   rollout and environments know it";
+                return Err(ConfigError::value("law.lean", requirement, share));
+            }
             Ok::<_, ConfigError>(Self {
-                law: law_from_json(law)?,
+                law,
                 config: config.held().clone(),
                 models: Mutex::default(),
             })

@@ -2,6 +2,7 @@
 //! environment nor the reward, and the payload only as it is reported.
 
 pub mod collocated;
+pub mod lean;
 pub mod linear;
 pub mod low_pass;
 pub mod lyapunov;
@@ -206,6 +207,21 @@ pub struct Measurement<T> {
     /// only for a law that [`Law::needs_tip_rate`].
     pub tip_turn_rate: T,
 }
+
+laned!(Measurement {
+    slew_error,
+    slew_error_rate,
+    link2_deflection,
+    link2_deflection_rate,
+    extension,
+    extension_rate,
+    reference_rate,
+    reference_accel,
+    slew_torque,
+    root_momentum,
+    tip_momentum,
+    tip_turn_rate,
+});
 
 /// What a law keeps from one sample to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -25,6 +25,7 @@ use super::{Measurement, finite_gain};
 use crate::check::{non_negative, positive};
 use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::WheelTorques;
+use crate::reference::Extension;
 use crate::simd::functions::{cos_sin, exp};
 use crate::simd::{Lane, laned};
 
@@ -60,12 +61,18 @@ pub struct ServoLaw {
     pub angle_drift: f64,
     /// Standard deviation of the reported mass as the filter believes it, as a part of it.
     pub mass_deviation: f64,
+    /// What the mass may drift as the filter believes it, as a part of it, 1/s^(1/2): the dimensions of a payload are
+    /// reported wrong with its mass, and what that makes of its inertia depends on the length.
+    pub mass_drift: f64,
     /// Bending stiffness of the links as the law believes it, N m^2.
     pub bending_stiffness: [f64; 2],
     /// Damping ratio of the modes as the law believes it.
     pub damping_ratio: f64,
     /// Delay of the measurements as the law believes it, s: up to half a sample none, else one sample.
     pub delay: f64,
+    /// Part of the wheels' torque that a plan counts on, by which the arm leans out before the wheels run out of
+    /// torque; null is none. The plan takes the place of the servomechanism, and has to know the manoeuvre ahead.
+    pub lean: Option<f64>,
 }
 
 impl Default for ServoLaw {
@@ -77,14 +84,16 @@ impl Default for ServoLaw {
             torque_share: 0.9,
             // stable with the stiffness wrong by a tenth either way (`drm stability --stiffness 0.9`)
             damping: [0.1, 0.01, 0.001],
-            damping_torque: 90.0,
+            damping_torque: 20.0,
             observer_ratio: [0.1, 0.15, 0.15],
             angle_deviation: 3e-3,
             angle_drift: 1e-4,
             mass_deviation: 0.09,
+            mass_drift: 3e-3,
             bending_stiffness: [arm.link1.bending_stiffness, arm.link2.bending_stiffness],
             damping_ratio: 0.005,
             delay: 0.002,
+            lean: None,
         }
     }
 }
@@ -104,11 +113,20 @@ impl ServoLaw {
         positive("angle_deviation", self.angle_deviation)?;
         non_negative("angle_drift", self.angle_drift)?;
         non_negative("mass_deviation", self.mass_deviation)?;
+        non_negative("mass_drift", self.mass_drift)?;
         for (i, stiffness) in self.bending_stiffness.iter().enumerate() {
             positive(&format!("bending_stiffness[{i}]"), *stiffness)?;
         }
         non_negative("damping_ratio", self.damping_ratio)?;
-        non_negative("delay", self.delay)
+        non_negative("delay", self.delay)?;
+        match self.lean {
+            Some(share) if !(share > 0.0 && share <= 1.0) => Err(ConfigError::value(
+                "lean",
+                "must be above 0 and at most 1",
+                share,
+            )),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -242,6 +260,31 @@ impl ServoModel<f64> {
     }
 }
 
+impl ServoModel<f64> {
+    /// Torque of both wheels, N m.
+    pub(super) fn torque_limit(&self) -> f64 {
+        let [root, tip] = self.limits;
+        root + tip
+    }
+
+    /// Distance of the tip from the shoulder at an extension (m), m.
+    pub(super) fn reach(&self, extension: f64) -> f64 {
+        self.link1 + extension
+    }
+
+    /// Moment of inertia at an extension (m) and an error of the reported mass, kg m^2.
+    pub(super) fn inertia(&self, extension: f64, mass_error: f64) -> f64 {
+        let payload = extension.polynomial(&self.payload);
+        payload.mul_add(mass_error, payload + extension.polynomial(&self.arm))
+    }
+
+    /// Torque that lacks per error of the reported mass, N m, as the servo adds it.
+    pub(super) fn lack(&self, extension: &Extension<f64>, rate: f64, accel: f64) -> f64 {
+        let slope = (self.payload[2] * 2.0).mul_add(extension.length, self.payload[1]);
+        extension.length.polynomial(&self.payload) * accel + slope * extension.rate * rate
+    }
+}
+
 impl<T: Lane> ServoModel<T> {
     /// Way of the tip from where the shoulder's tangent points, per angular acceleration of the arm as a whole
     /// (m s^2), of the arm that only bends and does not vibrate.
@@ -287,10 +330,12 @@ pub struct ServoMemory<T> {
     rate: T,
     /// Momentum of both wheels at the last sample, N m s.
     momentum: [T; 2],
+    /// Torque of both wheels by the last plan, N m, where the servo plans.
+    planned: T,
 }
 
 /// Numbers of a [`ServoMemory`].
-pub const SERVO_MEMORY: usize = 8 + 2 * MODES;
+pub const SERVO_MEMORY: usize = 9 + 2 * MODES;
 
 laned!(ServoMemory {
     error,
@@ -299,6 +344,7 @@ laned!(ServoMemory {
     modes,
     rate,
     momentum,
+    planned,
 });
 
 impl<T: Lane> ServoMemory<T> {
@@ -312,6 +358,7 @@ impl<T: Lane> ServoMemory<T> {
             modes: [[zero; 2]; MODES],
             rate: zero,
             momentum: [zero; 2],
+            planned: zero,
         }
     }
 }
@@ -324,7 +371,21 @@ impl ServoMemory<f64> {
         let [p, q, r] = self.covariance;
         let [root, tip] = self.momentum;
         row.copy_from_slice(&[
-            self.error, self.mass, p, q, r, a, b, c, d, e, f, self.rate, root, tip,
+            self.error,
+            self.mass,
+            p,
+            q,
+            r,
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            self.rate,
+            root,
+            tip,
+            self.planned,
         ]);
         row
     }
@@ -350,7 +411,23 @@ impl ServoMemory<f64> {
 
     /// From a row of numbers.
     pub fn from_numbers(row: &[f64; SERVO_MEMORY]) -> Self {
-        let &[error, mass, p, q, r, a, b, c, d, e, f, rate, root, tip] = row;
+        let &[
+            error,
+            mass,
+            p,
+            q,
+            r,
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            rate,
+            root,
+            tip,
+            planned,
+        ] = row;
         Self {
             error,
             mass,
@@ -358,7 +435,28 @@ impl ServoMemory<f64> {
             modes: [[a, b], [c, d], [e, f]],
             rate,
             momentum: [root, tip],
+            planned,
         }
+    }
+
+    /// Error of the reported mass, as far as it is known, and error of the tip as an angle (rad) with its rate (rad/s).
+    pub(crate) fn state(
+        &self,
+        measured: &Measurement<f64>,
+        model: &ServoModel<f64>,
+    ) -> (f64, [f64; 2]) {
+        let (a, rate) = (measured.extension, measured.reference_rate);
+        let wheels = measured.root_momentum + measured.tip_momentum;
+        let momentum = model.inertia(a, 0.0) * rate - wheels;
+        let [_, tip_way] = model.functions(FUNCTIONS - 2, a, self.mass);
+        let still = tip_way * measured.reference_accel / model.reach(a);
+        let error_rate = momentum / model.inertia(a, self.mass) - rate;
+        (self.mass, [self.error + still, error_rate])
+    }
+
+    /// Takes a new plan's torque, N m.
+    pub(crate) fn plan(&mut self, torque: f64) {
+        self.planned = torque;
     }
 }
 
@@ -412,6 +510,7 @@ impl ServoLaw {
             r,
             T::splat(self.mass_deviation * self.mass_deviation),
         );
+        let r = h.mul_add(T::splat(self.mass_drift * self.mass_drift), r);
         let error = (whole - rate).mul_add(h, memory.error);
         let of_mass = -(whole * payload / believed * h);
         let drift = h * (self.angle_drift * self.angle_drift);
@@ -451,7 +550,11 @@ impl ServoLaw {
         );
         let follow = (wanted - error_rate).mul_add(T::splat(self.rate_bandwidth), wanted_rate);
         let lack = (payload * accel + payload_slope * measured.extension_rate * rate) * mass;
-        let moving = inertia.mul_add(follow, lack);
+        let moving = if self.lean.is_some() {
+            memory.planned
+        } else {
+            inertia.mul_add(follow, lack)
+        };
 
         // the modes: forward by the torques that have worked, then corrected
         let seen = measured.slew_error_rate + rate - whole;

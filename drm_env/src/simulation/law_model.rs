@@ -4,8 +4,9 @@ use super::Flight;
 use crate::arm::PayloadProperties;
 use crate::arm::mode_shape::ShapeFamily;
 use crate::config::scenario::Scenario;
+use crate::control::lean::{AGAIN, planned_torque};
 use crate::control::servo::{MODES, Mode, Node};
-use crate::control::{ServoLaw, ServoModel};
+use crate::control::{Measurement, ServoLaw, ServoModel};
 use crate::error::ConfigError;
 use crate::plant::consistent::{ConsistentPlant, Kinematics, LowModes};
 use crate::plant::{Dynamics, PlantModel, RigidInertia};
@@ -127,6 +128,30 @@ impl<T: Number> Flight<T> {
             .is_some_and(|modelled| modelled.made == everyone::<T>() && modelled.servo == *servo);
         if !ready {
             self.make_models(servo);
+        }
+    }
+
+    /// Plans anew what the wheels should give, in the lanes where the time for it has come.
+    #[inline(never)]
+    pub(super) fn plan_torques(&mut self, measured: &Measurement<T>, share: f64) {
+        let between = (AGAIN / self.shared.sample_period).round().max(1.0);
+        for lane in 0..T::WIDTH {
+            let Some(modelled) = &self.modelled else {
+                return;
+            };
+            if self.common.sample.lane(lane) % between != 0.0 {
+                continue;
+            }
+            let model = modelled.model.lane_of(lane);
+            let mut memory = self.common.memory.servo.lane_of(lane);
+            let state = memory.state(&measured.lane_of(lane), &model);
+            let times = (
+                self.clock.time.lane(lane),
+                self.fixed.slew_end_time.lane(lane),
+            );
+            let timeline = &self.manoeuvres[lane].timeline;
+            memory.plan(planned_torque(timeline, times, &model, state, share));
+            self.common.memory.servo.put_lane(lane, &memory);
         }
     }
 

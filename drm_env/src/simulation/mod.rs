@@ -275,6 +275,9 @@ impl<T: Number> Flight<T> {
         }
         if let Some(servo) = law.needs_model() {
             self.model_for(servo);
+            if let Some(share) = servo.lean {
+                self.plan_torques(&measurement, share);
+            }
         }
         law.torques(
             &measurement,

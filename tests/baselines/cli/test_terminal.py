@@ -613,7 +613,7 @@ def completions(line: str) -> set[str]:
     [
         ("drm comp", {"compare"}),
         ("drm compare ly", {"lyapunov", "lyapunov_filtered", "lyapunov_tuned"}),
-        ("drm simulate --law se", {"servo", "servo_zv", "servo_zvd"}),
+        ("drm simulate --law se", {"servo", "servo_lean_zvd", "servo_zv", "servo_zvd"}),
         ("drm info --env drm_env/SlewR", {"drm_env/SlewResidual-v0", "drm_env/SlewResidual-v1"}),
         # the directory of a run: the shell's own files
         ("drm compare ./runs", set()),

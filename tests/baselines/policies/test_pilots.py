@@ -213,7 +213,9 @@ def test_the_keys_of_the_records_that_there_are_stay(name: str) -> None:
         if kind == "controller":
             content |= pilot_named(name).details
         if kind == "shaped law":
-            content |= {"law": {"name": "servo"}, "slew_shaper": name.removeprefix("servo_")}
+            leans = {"lean": 0.95} if "lean" in name else {}
+            shaper = name.rpartition("_")[2]
+            content |= {"law": {"name": "servo", **leans}, "slew_shaper": shaper}
         if flown != len(manoeuvres):
             content["episodes"] = flown
         text = json.dumps(content, sort_keys=True, default=str)
