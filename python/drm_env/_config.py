@@ -163,8 +163,8 @@ class ServoLaw:
     """Part of the wheels' torque that the parabola counts on."""
     damping: tuple[float, float, float] = (0.1, 0.01, 0.001)
     """Damping ratio that the root wheel adds to each of the three lowest modes."""
-    damping_torque: float = 20.0
-    """Most of the root wheel's torque that damping may take, N m."""
+    damping_torque: float = 40.0
+    """Root wheel's torque that damping may take from the slew, N m; it may take all that the slew leaves."""
     observer_ratio: tuple[float, float, float] = (0.1, 0.15, 0.15)
     """Rate at which the observer of each mode forgets, as a part of its angular frequency."""
     angle_deviation: float = 0.003

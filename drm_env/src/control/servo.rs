@@ -51,7 +51,7 @@ pub struct ServoLaw {
     pub torque_share: f64,
     /// Damping ratio that the root wheel adds to each of the three lowest modes.
     pub damping: [f64; MODES],
-    /// Most of the root wheel's torque that damping may take, N m.
+    /// Root wheel's torque that damping may take from the slew, N m; it may take all that the slew leaves.
     pub damping_torque: f64,
     /// Rate at which the observer of each mode forgets, as a part of its angular frequency.
     pub observer_ratio: [f64; MODES],
@@ -84,7 +84,7 @@ impl Default for ServoLaw {
             torque_share: 0.9,
             // stable with the stiffness wrong by a tenth either way (`drm stability --stiffness 0.9`)
             damping: [0.1, 0.01, 0.001],
-            damping_torque: 20.0,
+            damping_torque: 40.0,
             observer_ratio: [0.1, 0.15, 0.15],
             angle_deviation: 3e-3,
             angle_drift: 1e-4,
@@ -599,7 +599,9 @@ impl ServoLaw {
         memory.modes = states;
         memory.rate = present;
 
-        let most = T::splat(self.damping_torque).min(root_limit);
+        // what the slew leaves, and never less than its own
+        let left = (root_limit - moving.abs()).max(T::splat(self.damping_torque));
+        let most = left.min(root_limit);
         let damping = damping.limited(-most, most);
         let room = root_limit - damping.abs();
         let of_root = moving.limited(-room, room);
