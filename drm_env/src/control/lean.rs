@@ -10,7 +10,6 @@
 //! Riccati recursion (Rao, Wright and Rawlings 1998): the time of one grows with the instants, not with their cube.
 
 use super::servo::ServoModel;
-use crate::reference::timeline::Timeline;
 
 /// Least time between two instants of a plan, s.
 const PERIOD: f64 = 0.1;
@@ -204,11 +203,20 @@ impl Programme {
     }
 }
 
+/// What a manoeuvre prescribes at an instant.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Prescribed {
+    /// Extension, m, and its rate, m/s.
+    pub extension: [f64; 2],
+    /// Rate (rad/s) and acceleration (rad/s^2) of the slew.
+    pub slew: [f64; 2],
+}
+
 /// Torque of both wheels now, N m, by a plan from `time` (s) on over a manoeuvre whose slew ends at `slew_end` (s), for the
 /// inertias that the servo's model has at an error of the reported mass. `error` is where the arm is, rad, and at which
 /// rate it leaves it, rad/s; `share` is the part of the wheels' torque that the plan counts on.
 pub(crate) fn planned_torque(
-    timeline: &Timeline,
+    at: impl Fn(f64) -> Prescribed,
     (time, slew_end): (f64, f64),
     model: &ServoModel<f64>,
     (mass_error, error): (f64, [f64; 2]),
@@ -221,7 +229,7 @@ pub(crate) fn planned_torque(
     let mut programme = Programme {
         start: [
             angle,
-            rate * model.inertia(timeline.extension(time).length, mass_error),
+            rate * model.inertia(at(time).extension[0], mass_error),
         ],
         period,
         inertia: Vec::with_capacity(count),
@@ -231,12 +239,12 @@ pub(crate) fn planned_torque(
     };
     for k in 0..count {
         let middle = (k as f64 + 0.5).mul_add(period, time);
-        let (extension, reference) = (timeline.extension(middle), timeline.reference(middle));
-        let inertia = model.inertia(extension.length, mass_error);
+        let Prescribed { extension, slew } = at(middle);
+        let inertia = model.inertia(extension[0], mass_error);
         programme.inertia.push(inertia);
-        let lack = model.lack(&extension, reference.rate, reference.accel);
+        let lack = model.lack(extension, slew);
         programme.lack.push(lack * mass_error);
-        let reach = model.reach(timeline.extension(middle + 0.5 * period).length);
+        let reach = model.reach(at(middle + 0.5 * period).extension[0]);
         programme.weight.push(reach * reach);
     }
     if !programme.start.iter().all(|x| x.is_finite()) {

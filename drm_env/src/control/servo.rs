@@ -25,7 +25,6 @@ use super::{Measurement, finite_gain};
 use crate::check::{non_negative, positive};
 use crate::error::ConfigError;
 use crate::hardware::reaction_wheel::WheelTorques;
-use crate::reference::Extension;
 use crate::simd::functions::{cos_sin, exp};
 use crate::simd::{Lane, laned};
 
@@ -278,10 +277,11 @@ impl ServoModel<f64> {
         payload.mul_add(mass_error, payload + extension.polynomial(&self.arm))
     }
 
-    /// Torque that lacks per error of the reported mass, N m, as the servo adds it.
-    pub(super) fn lack(&self, extension: &Extension<f64>, rate: f64, accel: f64) -> f64 {
-        let slope = (self.payload[2] * 2.0).mul_add(extension.length, self.payload[1]);
-        extension.length.polynomial(&self.payload) * accel + slope * extension.rate * rate
+    /// Torque that lacks per error of the reported mass, N m, as the servo adds it: at an extension (m) and its rate, a
+    /// rate of the slew and its acceleration.
+    pub(super) fn lack(&self, [length, extending]: [f64; 2], [rate, accel]: [f64; 2]) -> f64 {
+        let slope = (self.payload[2] * 2.0).mul_add(length, self.payload[1]);
+        length.polynomial(&self.payload) * accel + slope * extending * rate
     }
 }
 

@@ -4,7 +4,7 @@ use super::Flight;
 use crate::arm::PayloadProperties;
 use crate::arm::mode_shape::ShapeFamily;
 use crate::config::scenario::Scenario;
-use crate::control::lean::{AGAIN, planned_torque};
+use crate::control::lean::{AGAIN, Prescribed, planned_torque};
 use crate::control::servo::{MODES, Mode, Node};
 use crate::control::{Measurement, ServoLaw, ServoModel};
 use crate::error::ConfigError;
@@ -150,7 +150,14 @@ impl<T: Number> Flight<T> {
                 self.fixed.slew_end_time.lane(lane),
             );
             let timeline = &self.manoeuvres[lane].timeline;
-            memory.plan(planned_torque(timeline, times, &model, state, share));
+            let at = |time: f64| {
+                let (extension, reference) = (timeline.extension(time), timeline.reference(time));
+                Prescribed {
+                    extension: [extension.length, extension.rate],
+                    slew: [reference.rate, reference.accel],
+                }
+            };
+            memory.plan(planned_torque(at, times, &model, state, share));
             self.common.memory.servo.put_lane(lane, &memory);
         }
     }
