@@ -186,7 +186,7 @@ def markdown_table(result: SuiteResult) -> str:
     return "\n".join([*table, "", *(f"- {_escaped(note)}" for note in notes(result))])
 
 
-SHORT = ("bound", "none", "linear", "lyapunov", "lqr", "dagger", "ppo")
+SHORT = ("bound", "none", "linear", "lyapunov", "lqr", "dagger", "ppo", "ppo_direct")
 """Policies of the short table: whom a stranger wants to see first."""
 
 
@@ -202,11 +202,12 @@ def short_markdown_table(result: SuiteResult) -> str:
         for record, row in zip(ordered(result), rows_of(result), strict=True)
         if record.title in chosen
     ]
-    # a note on a policy that is not here would only puzzle
+    # a note on a policy or a column that is not here would only puzzle
     said = [
         note
         for note in notes(result)
-        if not note.startswith("*") or any(note.startswith(f"* {title}:") for title in chosen)
+        if not note.startswith(("*", "Trained:"))
+        or any(note.startswith(f"* {title}:") for title in chosen)
     ]
     return "\n".join([*markdown(wanted, rows, 1), "", *(f"- {_escaped(note)}" for note in said)])
 
