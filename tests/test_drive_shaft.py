@@ -142,6 +142,11 @@ def test_what_no_motor_has_is_refused(scenario: dict[str, Any], message: str) ->
         drm_env.rollout([scenario])
 
 
+def test_as_many_modes_as_there_can_be_need_no_room_for_a_rotor() -> None:
+    full = drm_env.simulate(PLANT | {"modes": [8, 8], "horizon": 0.1}, loads=True)
+    np.testing.assert_array_equal(full["base_torque"], full["motor_torque"])
+
+
 def test_a_mission_refuses_a_drive_shaft() -> None:
     content = {
         "scenario": FLIGHT | {"horizon": 20.0},

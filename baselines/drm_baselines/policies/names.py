@@ -18,6 +18,7 @@ from drm_baselines.errors import PolicyError
 
 _DOTS = (0, (1, 1.5))
 _LONG = (0, (9, 2))
+_SHORT = (0, (3, 2))
 _DASH_DOTS = (0, (6, 1, 1, 1, 1, 1))
 
 
@@ -103,7 +104,7 @@ POLICIES = _all(
     ("collocated", "tuned law", "collocated, scheduled", "green", _DOTS, "4"),
     ("servo_zv", "shaped law", "servo, slew shaped by ZV", "green", ":", "+"),
     ("servo_zvd", "shaped law", "servo, slew shaped by ZVD", "green", _LONG, "x"),
-    ("servo_lean_zvd", "shaped law", "servo that leans out, shaped by ZVD", "green", "-.", "."),
+    ("servo_lean_zvd", "shaped law", "servo that leans out, shaped by ZVD", "green", _SHORT, "."),
     ("lqg", "controller", "LQG, scheduled", "purple", _DOTS, "d"),
     ("receding", "controller", "adaptive receding horizon", "green", "-", "P"),
     ("dagger", "learned", "imitation and gradient, residual", "vermilion", "-", "*"),

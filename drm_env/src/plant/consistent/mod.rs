@@ -264,8 +264,11 @@ impl ConsistentPlant {
 
     /// Torque of the drive shaft on the arm, N m, if there is one.
     pub fn shaft_torque(&self, state: &ConsistentState) -> Option<f64> {
-        let [angle, rate] = [state.q, state.v].map(|x| x[self.size()] - x[0]);
-        self.lanes.shaft.map(|shaft| shaft.torque(angle, rate))
+        // without a shaft there may be no place for a rotor
+        self.lanes.shaft.map(|shaft| {
+            let [angle, rate] = [state.q, state.v].map(|x| x[self.size()] - x[0]);
+            shaft.torque(angle, rate)
+        })
     }
 
     /// Tells the angles of a state from another zero, `angle` further on (rad).
