@@ -47,14 +47,14 @@ def test_every_door_flies_the_same() -> None:
         "randomize": {"payload_mass": None, "mass_error": None},
         "task": {"inner_law": LEAN},
     }
-    for env in (drm_env.DrmVectorEnv(3, config=config),):
-        env.reset(seed=0)
-        infos: dict[str, Any] = {}
-        ended = False
-        while not ended:
-            *_, truncated, infos = env.step(np.zeros((3, 2), np.float32))
-            ended = bool(truncated.all())
-        np.testing.assert_array_equal(infos["metrics/tip_error_rms"], [alone] * 3)
+    env = drm_env.DrmVectorEnv(3, config=config)
+    env.reset(seed=0)
+    infos: dict[str, Any] = {}
+    ended = False
+    while not ended:
+        *_, truncated, infos = env.step(np.zeros((3, 2), np.float32))
+        ended = bool(truncated.all())
+    np.testing.assert_array_equal(infos["metrics/tip_error_rms"], [alone] * 3)
 
 
 def test_a_snapshot_goes_on_with_the_same_plan() -> None:

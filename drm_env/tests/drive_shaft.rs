@@ -114,7 +114,7 @@ fn a_soft_shaft_lets_rotor_and_arm_swing_as_two_inertias_on_a_spring() {
             worst = worst.max((angle - state.q[0] - expected).abs());
         },
     );
-    // more than a period
+    // most of a period
     assert!(frequency * step * steps as f64 > 4.0, "{frequency}");
     assert!(worst < 5e-3 * size, "{worst} of {size}");
 }
@@ -159,7 +159,7 @@ fn energy_is_conserved_without_damping_and_lost_to_the_shaft_with_it() {
     assert!(fine.abs() < coarse.abs() / 3.0, "{coarse} {fine}");
 }
 
-/// Second order, from a shaft that the step resolves to one that it does not.
+/// Both ends of the shaft, under torques that switch on at once.
 #[test]
 fn the_slew_converges_with_the_second_order_of_the_step() {
     let torques = Torques {

@@ -140,8 +140,8 @@ impl<T: Lane> DriveShaft<T> {
 
 /// Bounds of a gear ratio.
 const GEAR_RATIOS: (f64, f64) = (1.0, 1e5);
-/// Bounds of a drive shaft's stiffness, N m/rad: from a spring that holds nothing to ten thousand times the
-/// bending stiffness of the arm.
+/// Bounds of a drive shaft's stiffness, N m/rad: from a spring that holds nothing to what no step tells from a
+/// rigid shaft.
 const SHAFT_STIFFNESSES: (f64, f64) = (1.0, 1e10);
 
 impl SlewMotor {
